@@ -1,0 +1,36 @@
+# One command each: `make check` is what CI runs.
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.installed
+
+.PHONY: run test setup format lint types check bench clean
+
+run: setup
+	$(BIN)/hil run
+
+test: setup
+	$(BIN)/python -m pytest --cov --cov-report=term
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[report,test]'
+	touch $(STAMP)
+
+format: setup
+	$(BIN)/ruff format --check .
+
+lint: setup
+	$(BIN)/ruff check .
+
+types: setup
+	$(BIN)/mypy
+
+check: format lint types test
+
+bench: setup
+	$(BIN)/python -m hil.bench
+
+clean:
+	rm -rf .venv build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage

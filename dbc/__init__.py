@@ -1,0 +1,1 @@
+"""The contract: the CAN database, the frames, the codec made from it."""

@@ -1,0 +1,1 @@
+"""What the target computers run: word arithmetic, the joint CPU, the DSP."""

@@ -1,0 +1,1 @@
+"""The bench: the wire, the clocks, the rig, the records, the reports, the command line."""

@@ -1,0 +1,1 @@
+"""A CAN bus in virtual time."""
