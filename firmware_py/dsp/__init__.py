@@ -1,0 +1,1 @@
+"""The DSP: kinematics, trajectories, position control, the cycle."""
