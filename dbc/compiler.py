@@ -1,0 +1,111 @@
+"""Turns a DBC file into the codec of its messages, and refuses what the codec could only approximate.
+
+Supported: classic CAN, 11-bit identifiers, little-endian integers of 8, 16 or 32 bits that fill their message without
+gaps, no offset. This is the only module that imports cantools, which takes some 15 us to encode one frame.
+"""
+
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from cantools.database import load_file
+from cantools.database.can import Database, Message, Signal
+from cantools.database.errors import UnsupportedDatabaseFormatError
+
+from dbc.codec import CRC_SIGNAL, Codec, CodecError, MessageCodec
+
+_FORMATS = {(8, False): "B", (8, True): "b", (16, False): "H", (16, True): "h", (32, False): "I", (32, True): "i"}
+LONGEST_DATA = 8
+
+
+def load_arm() -> Codec:
+    """Return the codec of the shipped arm.dbc."""
+    with as_file(files("dbc") / "arm.dbc") as path:
+        return compile_dbc(path)
+
+
+def compile_dbc(path: str | Path) -> Codec:
+    """Return the codec of a DBC file; raise CodecError for what is not supported."""
+    # Not strict: the layout is checked here, where the message can name the cure.
+    try:
+        database = load_file(path, database_format="dbc", strict=False)
+    except UnsupportedDatabaseFormatError as error:
+        raise CodecError(f"{path} is no readable database: {error}") from error
+    assert isinstance(database, Database)
+    _refuse_duplicates(database.messages)
+    return Codec([_compile_message(message) for message in database.messages])
+
+
+def _refuse_duplicates(messages: list[Message]) -> None:
+    names: set[str] = set()
+    identifiers: dict[int, str] = {}
+    for message in messages:
+        if message.name in names:
+            raise CodecError(f"message {message.name} is defined twice: rename one")
+        names.add(message.name)
+        other = identifiers.setdefault(message.frame_id, message.name)
+        if other != message.name:
+            raise CodecError(
+                f"messages {other} and {message.name} share identifier {message.frame_id:#x}: renumber one"
+            )
+
+
+def _compile_message(message: Message) -> MessageCodec:
+    _check_message(message)
+    signals = sorted(message.signals, key=lambda signal: signal.start)
+    _check_layout(message, signals)
+    protected = bool(signals) and signals[-1].name == CRC_SIGNAL
+    carried = signals[:-1] if protected else signals
+    layout = [(signal.name, _FORMATS[signal.length, signal.is_signed], float(signal.scale)) for signal in carried]
+    return MessageCodec(message.name, message.frame_id, layout, protected)
+
+
+def _check_message(message: Message) -> None:
+    """Refuse a message that is no classic CAN frame, or whose signals the codec cannot carry."""
+    if message.is_extended_frame:
+        raise CodecError(
+            f"message {message.name}: identifier {message.frame_id:#x} has 29 bits: give it one up to 0x7ff"
+        )
+    if message.is_fd or message.length > LONGEST_DATA:
+        raise CodecError(f"message {message.name}: {message.length} bytes or CAN FD, the limit is 8: split it")
+    for signal in message.signals:
+        refusal = _refusal(signal)
+        if refusal:
+            raise CodecError(f"message {message.name}, signal {signal.name}: {refusal}")
+
+
+def _refusal(signal: Signal) -> str:
+    """Return why a signal cannot be carried and what to do about it, or nothing."""
+    if signal.is_multiplexer or signal.multiplexer_ids:
+        return "multiplexed: give each variant a message of its own"
+    if signal.is_float or not isinstance(signal.scale, int | float):
+        return "floating point: use a scaled integer"
+    if signal.byte_order != "little_endian":
+        return "big-endian: write @1 for little-endian"
+    if (signal.length, signal.is_signed) not in _FORMATS:
+        return f"{signal.length} bits: use 8, 16 or 32"
+    if signal.start % 8:
+        return f"begins at bit {signal.start}, inside a byte: move it to a multiple of 8"
+    if signal.offset:
+        return f"offset {signal.offset:g}: use a signed signal with offset 0"
+    return ""
+
+
+def _check_layout(message: Message, signals: list[Signal]) -> None:
+    """Refuse gaps, overlaps and a CRC that is not the last byte; signals come in the order of their bits."""
+    end = 0
+    for signal in signals:
+        if signal.start != end:
+            fault = "the gap must be filled" if signal.start > end else "it overlaps the one before, move it"
+            raise CodecError(
+                f"message {message.name}, signal {signal.name}: begins at bit {signal.start}, not {end}: {fault}"
+            )
+        end += signal.length
+        if signal.name == CRC_SIGNAL and (signal is not signals[-1] or signal.length != 8 or signal.is_signed):
+            raise CodecError(
+                f"message {message.name}, signal {signal.name}: must be the last byte, unsigned: move it there"
+            )
+    length = 8 * message.length
+    if end != length:
+        last = signals[-1].name if signals else "(none)"
+        cure = f"set the length to {end // 8} bytes" if end > length else "fill the rest or shorten the message"
+        raise CodecError(f"message {message.name}, signal {last}: ends at bit {end} of {length}: {cure}")

@@ -1,0 +1,186 @@
+"""The nodes of a scenario, each built by itself: a process builds only its own."""
+
+import importlib
+
+from dbc.codec import Codec
+from dbc.compiler import load_arm
+from dbc.crc import crc16
+from dbc.status import Status
+from firmware_py.dsp import kinematics, trajectory
+from firmware_py.dsp.control import position_control
+from firmware_py.dsp.cpu import DSP, DSPSettings
+from firmware_py.joint_cpu import SIGNALS, JointCPU
+from firmware_py.words import Words
+from hil import constants
+from hil.errors import ScenarioError
+from hil.node import Node
+from hil.scenario import CircleMove, Scenario, to_ns
+from plant.node import Plant
+from plant.parameters import ArmParameters
+from plant.robot import Robot
+
+DSP_NUMBER = 7
+"""Number of the DSP in the names of its State and Heartbeat frames; the plant's is 0, a joint's its own."""
+
+
+def node_names(scenario: Scenario) -> list[str]:
+    """Return the nodes of a scenario in node order, which breaks ties: plant, DSP, joints."""
+    return ["plant", "dsp", *(f"joint{n}" for n in range(1, scenario.joints + 1))]
+
+
+def build_node(scenario: Scenario, name: str, codec: Codec | None = None) -> Node:
+    """Return one node; raise ScenarioError naming what it cannot be built from."""
+    codec = load_arm() if codec is None else codec
+    constants.check_budget(scenario)
+    if name == "plant":
+        return build_plant(scenario, codec)
+    if name == "dsp":
+        return build_dsp(scenario, codec)
+    if name in node_names(scenario):
+        return build_joint(scenario, int(name.removeprefix("joint")), codec)
+    raise ScenarioError(f"no node {name!r}: this scenario has {', '.join(node_names(scenario))}")
+
+
+def build_nodes(scenario: Scenario) -> list[Node]:
+    """Return all nodes in node order."""
+    codec = load_arm()
+    return [build_node(scenario, name, codec) for name in node_names(scenario)]
+
+
+def _status(scenario: Scenario, codec: Codec, number: int) -> Status:
+    """Give each node its turn: the plant 0, joint n its n, the DSP the last."""
+    turns = scenario.joints + 2
+    turn = turns - 1 if number == DSP_NUMBER else number
+    return Status(codec, number, turn, turns, scenario.period_ns, constants.tail_ns(scenario))
+
+
+# -- plant --
+
+
+def arm_parameters(scenario: Scenario, codec: Codec) -> ArmParameters:
+    """Return the robot's parameters; raise ScenarioError with the plant's own reason."""
+    arm, drive, brake = scenario.arm, scenario.drive, scenario.brake
+    try:
+        return ArmParameters(
+            length_m=arm.lengths_m,
+            mass_kg=arm.masses_kg,
+            rotor_inertia_kgm2=arm.rotor_inertia_kg_m2,
+            viscosity_Nms=arm.viscosity_N_m_s,
+            coulomb_Nm=arm.coulomb_N_m,
+            torque_constant_Nm_A=drive.torque_constant_N_m_A,
+            brake_torque_Nm=brake.torque_N_m,
+            ripple=drive.ripple,
+            ripple_order=tuple(float(order) for order in drive.ripple_order),
+            counts_per_turn=scenario.encoder.counts_per_turn,
+            current_limit_A=drive.limit_A,
+            current_counts_per_A=round(1.0 / codec.scale("Current_1", "Reference")),
+            amplifier_lag_s=drive.lag_s,
+            brake_delay_ns=to_ns(brake.delay_s),
+            gravity_m_s2=arm.gravity_m_s2,
+        )
+    except ValueError as error:
+        raise ScenarioError(f"plant: {error}") from None
+
+
+def build_plant(scenario: Scenario, codec: Codec) -> Plant:
+    """Return the plant."""
+    start_ns = -scenario.clock.setup_cycles * scenario.period_ns
+    robot = Robot(arm_parameters(scenario, codec), scenario.start_rad, start_ns, min(scenario.period_ns, 1_000_000))
+    loads = [(load.mass_kg, to_ns(load.at_s), to_ns(load.until_s)) for load in scenario.load]
+    delays = constants.action_delays_ns(scenario)
+    return Plant(robot, codec, _status(scenario, codec, 0), scenario.period_ns, delays, loads)
+
+
+# -- DSP --
+
+
+def build_trajectory(scenario: Scenario) -> trajectory.Trajectory:
+    """Return the commanded motion, in the space it is described in."""
+    move = scenario.trajectory
+    if isinstance(move, CircleMove):
+        return trajectory.Circle(kinematics.tip(scenario.arm.lengths_m, scenario.start_rad), move.radius_m, move.time_s)
+    return trajectory.Quintic(scenario.start_rad, move.by_rad, move.time_s)
+
+
+def joint_trajectory(scenario: Scenario) -> trajectory.Trajectory:
+    """Return the commanded motion in joint space; raise ScenarioError where it cannot be followed."""
+    motion = build_trajectory(scenario)
+    if isinstance(motion, trajectory.Circle):
+        motion = trajectory.Transformed(motion, scenario.arm.lengths_m, scenario.start_rad)
+    return motion
+
+
+def check_path(scenario: Scenario) -> None:
+    """Refuse a task-space path that leaves the arm's reach or meets a singular point."""
+    motion = joint_trajectory(scenario)
+    try:
+        for cycle in range(scenario.cycles + 1):
+            motion.at(cycle * scenario.clock.period_s)
+    except (kinematics.OutOfReach, kinematics.SingularPoint) as error:
+        raise ScenarioError(f"trajectory at {cycle * scenario.clock.period_s:.3f} s: {error}") from None
+
+
+def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
+    """Return the DSP."""
+    check_path(scenario)
+    settings = DSPSettings(
+        joints=scenario.joints,
+        period_ns=scenario.period_ns,
+        cycles=scenario.cycles,
+        setup_cycles=scenario.clock.setup_cycles,
+        compute_ns=to_ns(scenario.dsp.compute_s),
+        tables=tuple(constants.parameter_table(scenario, n, codec) for n in range(1, scenario.joints + 1)),
+        zero_rad=scenario.start_rad,
+        rad_per_count=constants.rad_per_count(scenario),
+        counts_per_rad_s2=1.0 / codec.scale("AccelRef", "Joint1"),
+    )
+    motion = build_trajectory(scenario)
+    in_task_space = isinstance(motion, trajectory.Circle)
+    if scenario.dsp.space == "task" and not in_task_space:
+        raise ScenarioError(
+            "dsp.space = 'task' needs a path in task space, but trajectory.kind = 'quintic' moves the joints: "
+            "take trajectory.kind = 'circle' or dsp.space = 'joint'"
+        )
+    gains = scenario.dsp.k1_1_s, scenario.dsp.k2_1_s2
+    control = position_control(
+        scenario.dsp.space,
+        motion,
+        in_task_space,
+        scenario.start_rad,
+        scenario.arm.lengths_m,
+        gains,
+        scenario.cycles,
+        scenario.period_ns,
+    )
+    return DSP(settings, control, codec, _status(scenario, codec, DSP_NUMBER))
+
+
+# -- joints --
+
+
+def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
+    """Return joint 1 to n, or the user's own controller in its place."""
+    cpu = _cpu_class(scenario.cpu(number), number)
+    words = Words(16, len(SIGNALS))
+    status = _status(scenario, codec, number)
+    reference = ("AccelRef", number - 1)
+    node: Node = cpu(
+        number, words, codec, crc16, status, reference, scenario.period_ns, scenario.compute_ns(number)
+    )
+    return node
+
+
+def _cpu_class(cpu: str, number: int) -> type[JointCPU]:
+    """Find what plays a joint."""
+    if cpu == "python":
+        return JointCPU
+    module_name, _, class_name = cpu.partition(":")
+    try:
+        found = getattr(importlib.import_module(module_name), class_name)
+    except (ImportError, ValueError, AttributeError) as error:
+        raise ScenarioError(
+            f"joint{number}.cpu = {cpu!r}: {error}; write python, or package.module:Class of an importable class"
+        ) from None
+    if not (isinstance(found, type) and issubclass(found, JointCPU)):
+        raise ScenarioError(f"joint{number}.cpu = {cpu!r}: is no subclass of firmware_py.joint_cpu.JointCPU")
+    return found

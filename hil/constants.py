@@ -1,0 +1,96 @@
+"""From physical units to the integers of the joint CPU, and the time that a cycle's frames need.
+
+Ref: the paper's eqs. (5), (6), (8), with KA = g T in Q15, KB = g Jn / Ktn in current counts per count and sample,
+KJ = Jn / Ktn in current counts per acceleration count.
+"""
+
+from math import pi
+
+from dbc.codec import Codec
+from hil.errors import ScenarioError
+from hil.scenario import Scenario, to_ns
+from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
+
+WORD_MAX = 32767
+LARGEST_SHIFT = 15
+STATUS_MARGIN_BITS = 25
+"""State and Heartbeat are queued this many bit times before they would end exactly with the cycle."""
+
+
+def rad_per_count(scenario: Scenario) -> float:
+    """Return what one count of a position counter means."""
+    return 2 * pi / scenario.encoder.counts_per_turn
+
+
+def parameter_table(scenario: Scenario, joint: int, codec: Codec) -> tuple[int, ...]:
+    """Return KA, KB, KJ, shift and current limit of joint 1 to n; raise ScenarioError where one does not fit."""
+    settings, period_s = scenario.joint, scenario.clock.period_s
+    g, inertia = settings.g_rad_s, settings.inertia_kg_m2[joint - 1]
+    current_per_torque = 1.0 / settings.torque_constant_N_m_A[joint - 1] / codec.scale(f"Current_{joint}", "Reference")
+    if g * period_s >= 1.0:
+        raise ScenarioError(
+            f"joint.g_rad_s = {g} with clock.period_s = {period_s}: g T = {g * period_s:.3f} must stay below 1; "
+            f"lower g below {1.0 / period_s:.0f} rad/s or shorten the period"
+        )
+    ka = round(g * period_s * (1 << 15))
+    kb = round(g * inertia * current_per_torque * rad_per_count(scenario) / period_s)
+    kj = inertia * current_per_torque * codec.scale("AccelRef", f"Joint{joint}")
+    shift = next((s for s in range(LARGEST_SHIFT, -1, -1) if round(kj * (1 << s)) <= WORD_MAX), 0)
+    limit = round(settings.limit_A / codec.scale(f"Current_{joint}", "Reference"))
+    values = {"KA": ka, "KB": kb, "KJ": round(kj * (1 << shift)), "current limit": limit}
+    for name, value in values.items():
+        if not 0 < value <= WORD_MAX:
+            raise ScenarioError(
+                f"joint{joint}: {name} = {value} does not fit its format (1 to {WORD_MAX}): change joint.g_rad_s, "
+                "joint.inertia_kg_m2, joint.limit_A or encoder.counts_per_turn"
+            )
+    if not settings.observer:
+        ka = kb = 0
+    return ka, kb, values["KJ"], shift, limit
+
+
+def cycle_frames(joints: int) -> dict[str, int]:
+    """Return the frames of one cycle in the order of the bus, with their data lengths."""
+    frames = {"Sync": 1}
+    frames |= {f"Encoder_{n}": 4 for n in range(1, joints + 1)}
+    frames |= {f"Current_{n}": 6 for n in range(1, joints + 1)}
+    return frames | {"AccelRef": 8, "State": 8}
+
+
+def worst_case_ends_ns(scenario: Scenario) -> dict[str, int]:
+    """Return the latest end of each frame of a cycle after its start, nobody being late.
+
+    A joint's Current follows the Encoder frames when computing is no longer than they are.
+    """
+    ends, bits = {}, 0
+    for name, length in cycle_frames(scenario.joints).items():
+        bits += worst_case_bits(length)
+        ends[name] = bits * scenario.bit_ns
+        bits += INTERMISSION_BITS
+    return ends
+
+
+def action_delays_ns(scenario: Scenario) -> tuple[int, ...]:
+    """Return when the current of each joint acts after its cycle's start: 0 in `bits`, where its frame's end says it."""
+    if scenario.bus.fidelity == "bits":
+        return (0,) * scenario.joints
+    if scenario.bus.action_delay_s is not None:
+        return tuple(to_ns(delay) for delay in scenario.bus.action_delay_s)
+    ends = worst_case_ends_ns(scenario)
+    return tuple(ends[f"Current_{n}"] for n in range(1, scenario.joints + 1))
+
+
+def tail_ns(scenario: Scenario) -> int:
+    """Return how long before the end of its cycle a State or Heartbeat is queued: 160 us at 1 Mbit/s."""
+    return (worst_case_bits(8) + INTERMISSION_BITS + STATUS_MARGIN_BITS) * scenario.bit_ns
+
+
+def check_budget(scenario: Scenario) -> None:
+    """Refuse a cycle whose frames do not fit its period."""
+    end_ns = worst_case_ends_ns(scenario)["State"] + INTERMISSION_BITS * scenario.bit_ns
+    if scenario.bus.fidelity == "bits" and end_ns > scenario.period_ns:
+        raise ScenarioError(
+            f"the frames of one cycle need {end_ns / 1000:.0f} us at bus.bitrate = {scenario.bus.bitrate}, but "
+            f"clock.period_s = {scenario.clock.period_s} leaves {scenario.period_ns / 1000:.0f} us: "
+            "raise the bit rate or the period"
+        )

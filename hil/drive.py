@@ -1,0 +1,30 @@
+"""Driving a node: one loop where it is called directly, one where the bus is another process.
+
+Both hand a node its stored frames, then what wakes it, in the same order: so its frames cannot differ.
+"""
+
+from hil.node import Node, Reaction
+from hil.wire.kernel import Arrival
+
+
+class Direct:
+    """A node as the kernel's participant, called in the same process."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self.name = node.name
+        self.wakes_on = frozenset(node.wakes_on)
+        self.stores = frozenset(node.stores)
+
+    def start(self, now_ns: int) -> Reaction:
+        """Start the node."""
+        return self.node.on_start(now_ns)
+
+    def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
+        """Hand over what was stored, then the frame or the timer."""
+        node = self.node
+        for at_ns, identifier, data in stored:
+            node.store(identifier, data, at_ns)
+        if cause is None:
+            return node.on_timer(now_ns)
+        return node.on_frame(cause[1], cause[2], now_ns)

@@ -1,0 +1,217 @@
+"""Scenarios: one TOML file each, validated into frozen objects.
+
+Every key carries its unit; what a file leaves out has the default of the paper's robot below. Times are seconds in the
+file and whole nanoseconds inside.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, lt=1)]
+
+
+def to_ns(seconds: float) -> int:
+    """Return seconds as the nearest whole nanosecond."""
+    return round(seconds * 1e9)
+
+
+def _whole_ns(seconds: float) -> float:
+    if abs(seconds * 1e9 - to_ns(seconds)) > 1e-3:
+        raise ValueError("is not a whole number of nanoseconds")
+    return seconds
+
+
+Time = Annotated[float, Field(ge=0, le=3600), AfterValidator(_whole_ns)]
+Duration = Annotated[float, Field(gt=0, le=3600), AfterValidator(_whole_ns)]
+Period = Annotated[float, Field(gt=0, le=1), AfterValidator(_whole_ns)]
+
+
+class Part(BaseModel):
+    """Frozen, and refuses keys it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Bus(Part):
+    """The wire."""
+
+    fidelity: Literal["bits", "functional"] = "bits"
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] = 1_000_000
+    action_delay_s: tuple[Time, ...] | None = None
+    """When a current acts after its cycle's start under `functional`; default: the worst-case end of its frame."""
+
+
+class Clock(Part):
+    """Who advances time, and the control period."""
+
+    kind: Literal["virtual"] = "virtual"
+    period_s: Period = 0.001
+    setup_cycles: Annotated[int, Field(ge=10, le=100_000)] = 200
+
+
+class Arm(Part):
+    """The rigid bodies and what rubs on them; one entry a joint, base first."""
+
+    lengths_m: tuple[Positive, ...] = (0.30, 0.25, 0.15)
+    masses_kg: tuple[Positive, ...] = (3.0, 1.5, 0.5)
+    rotor_inertia_kg_m2: tuple[NonNegative, ...] = (1.2, 0.5, 0.08)
+    viscosity_N_m_s: tuple[NonNegative, ...] = (2.0, 1.0, 0.2)
+    coulomb_N_m: tuple[NonNegative, ...] = (4.0, 2.0, 0.4)
+    gravity_m_s2: NonNegative = 9.80665
+
+
+class Drive(Part):
+    """Amplifiers and motors, referred to the joint."""
+
+    torque_constant_N_m_A: tuple[Positive, ...] = (10.0, 6.0, 2.0)
+    limit_A: Positive = 8.0
+    lag_s: NonNegative = 0.0
+    ripple: tuple[Share, ...] = (0.0, 0.0, 0.0)
+    """Share of the torque constant that varies with the joint's angle."""
+    ripple_order: tuple[Annotated[int, Field(ge=1)], ...] = (60, 60, 60)
+    """Ripples in one turn of the joint."""
+
+
+class Encoder(Part):
+    """Position counters, at the joint."""
+
+    counts_per_turn: Annotated[int, Field(ge=16, le=2**31)] = 819_200
+
+
+class Brake(Part):
+    """Holding brakes: engaged until run, and by Stop or fault."""
+
+    torque_N_m: tuple[Positive, ...] = (60.0, 30.0, 8.0)
+    delay_s: Time = 0.03
+
+
+class Joint(Part):
+    """What every joint CPU is set up with; one entry a joint where there are several."""
+
+    observer: bool = True
+    g_rad_s: Positive = 700.0
+    inertia_kg_m2: tuple[Positive, ...] = (1.344, 0.537, 0.0832)
+    """Nominal inertia Jn: the least 1 / (M^-1)_ii over the workspace, without payload."""
+    torque_constant_N_m_A: tuple[Positive, ...] = (10.0, 6.0, 2.0)
+    """Nominal torque constant Ktn."""
+    limit_A: Positive = 8.0
+    compute_s: Time = 125e-6
+    cpu: str = "python"
+
+
+class OneJoint(Part):
+    """What one joint has of its own in place of [joint]'s."""
+
+    compute_s: Time | None = None
+    cpu: str | None = None
+    """`python`, or `package.module:Class` of a user's own controller."""
+
+
+class Dsp(Part):
+    """The position controller."""
+
+    space: Literal["joint", "task"] = "joint"
+    k1_1_s: NonNegative = 90.0
+    k2_1_s2: NonNegative = 2000.0
+    compute_s: Time = 200e-6
+
+
+class QuinticMove(Part):
+    """A move in joint space with the quintic's phase."""
+
+    kind: Literal["quintic"]
+    by_rad: tuple[Finite, ...]
+    time_s: Positive
+
+
+class CircleMove(Part):
+    """Once round a circle in task space, from the start's tip, counter-clockwise."""
+
+    kind: Literal["circle"]
+    radius_m: Positive
+    time_s: Positive
+
+
+class Load(Part):
+    """A point mass on the hand for some time."""
+
+    mass_kg: Positive
+    at_s: Time
+    until_s: Time
+
+
+class Scenario(Part):
+    """One experiment, whole."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
+    title: str = ""
+    duration_s: Duration
+    start_rad: tuple[Finite, ...] = (0.4, 0.9, -0.5)
+    bus: Bus = Bus()
+    clock: Clock = Clock()
+    arm: Arm = Arm()
+    drive: Drive = Drive()
+    encoder: Encoder = Encoder()
+    brake: Brake = Brake()
+    joint: Joint = Joint()
+    joint1: OneJoint = OneJoint()
+    joint2: OneJoint = OneJoint()
+    joint3: OneJoint = OneJoint()
+    dsp: Dsp = Dsp()
+    trajectory: Annotated[QuinticMove | CircleMove, Field(discriminator="kind")]
+    load: tuple[Load, ...] = ()
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return len(self.start_rad)
+
+    @property
+    def period_ns(self) -> int:
+        """The control period T."""
+        return to_ns(self.clock.period_s)
+
+    @property
+    def duration_ns(self) -> int:
+        """Length of the run."""
+        return to_ns(self.duration_s)
+
+    @property
+    def cycles(self) -> int:
+        """K: cycles of the run."""
+        return self.duration_ns // self.period_ns
+
+    @property
+    def bit_ns(self) -> int:
+        """One bit on the wire."""
+        return 1_000_000_000 // self.bus.bitrate
+
+    def own(self, joint: int) -> OneJoint:
+        """Return what joint 1 to n has of its own."""
+        return (self.joint1, self.joint2, self.joint3)[joint - 1]
+
+    def compute_ns(self, joint: int) -> int:
+        """Return the computing time of joint 1 to n."""
+        own = self.own(joint).compute_s
+        return to_ns(self.joint.compute_s if own is None else own)
+
+    def cpu(self, joint: int) -> str:
+        """Return what plays joint 1 to n."""
+        return self.own(joint).cpu or self.joint.cpu
+
+    def per_joint(self) -> dict[str, Sequence[object]]:
+        """Return every entry that has one value a joint, by its path."""
+        paths: dict[str, Sequence[object]] = {"start_rad": self.start_rad}
+        for part in ("arm", "drive", "brake", "joint"):
+            values = getattr(self, part)
+            paths |= {f"{part}.{key}": v for key, v in values if isinstance(v, tuple)}
+        if isinstance(self.trajectory, QuinticMove):
+            paths["trajectory.by_rad"] = self.trajectory.by_rad
+        if self.bus.action_delay_s is not None:
+            paths["bus.action_delay_s"] = self.bus.action_delay_s
+        return paths

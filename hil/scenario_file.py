@@ -1,0 +1,163 @@
+"""Scenarios from files: find, read, set single values, validate, check what spans several keys.
+
+Raises ScenarioError with the path of what is wrong, its value, the limit and the cure.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from hil.errors import ScenarioError
+from hil.scenario import Scenario, to_ns
+
+
+def builtin_names() -> list[str]:
+    """Return the names of the built-in scenarios, in order."""
+    folder = resources.files("hil.scenarios")
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def load(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
+    """Return the built-in scenario of that name, or that of a .toml file, with `path=value` settings applied."""
+    return build(parse(_text(name_or_path), name_or_path), settings)
+
+
+def build(values: dict[str, Any], settings: Sequence[str] = ()) -> Scenario:
+    """Return the scenario of these values with `path=value` settings applied."""
+    for setting in settings:
+        _apply(values, setting)
+    try:
+        scenario = Scenario.model_validate(values)
+    except ValidationError as error:
+        raise ScenarioError("\n".join(_explain(error))) from None
+    check(scenario)
+    return scenario
+
+
+def parse(text: str, source: str) -> dict[str, Any]:
+    """Return the values of a TOML text."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{source}: not a TOML file: {error}") from None
+
+
+def _text(name_or_path: str) -> str:
+    if name_or_path in builtin_names():
+        return (resources.files("hil.scenarios") / f"{name_or_path}.toml").read_text()
+    path = Path(name_or_path)
+    if path.suffix == ".toml":
+        try:
+            return path.read_text()
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "not a text file"
+            raise ScenarioError(f"scenario file {name_or_path}: {reason}") from None
+    raise ScenarioError(
+        f"no scenario {name_or_path!r}: built in are {', '.join(builtin_names())}; a file's name ends in .toml"
+    )
+
+
+def _apply(values: dict[str, Any], setting: str) -> None:
+    """Set one value; what is not a TOML value is taken as a string."""
+    path, equals, text = setting.partition("=")
+    if not equals or not path:
+        raise ScenarioError(f"--set {setting!r}: write path=value, for example joint.observer=false")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    *parents, key = path.split(".")
+    for parent in parents:
+        values = values.setdefault(parent, {})
+        if not isinstance(values, dict):
+            raise ScenarioError(f"--set {setting!r}: {parent} is a value, not a table, in this scenario")
+    values[key] = value
+
+
+# -- what pydantic found, in our words --
+
+
+def _explain(error: ValidationError) -> Iterator[str]:
+    for item in error.errors(include_url=False):
+        path = ".".join(str(part) for part in item["loc"] if part not in ("quintic", "circle"))
+        if item["type"] == "extra_forbidden":
+            yield f"scenario: unknown key {path}{_suggestion(path)}"
+        elif item["type"] == "missing":
+            yield f"scenario: {path} is missing: set it in the file or with --set {path}=..."
+        else:
+            yield f"scenario: {path} = {item['input']!r}: {item['msg'].removeprefix('Value error, ')}"
+
+
+def _suggestion(path: str) -> str:
+    known = list(known_paths(Scenario))
+    last = path.rpartition(".")[2]
+    near = difflib.get_close_matches(path, known, 1, 0.7) or [k for k in known if k.rpartition(".")[2] == last][:1]
+    return f": did you mean {near[0]}?" if near else "; `hil scenarios` and the README name the keys"
+
+
+def known_paths(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Yield the path of every key of a model; of a union of models, those of each."""
+    for key, field in model.model_fields.items():
+        inner = _models(field.annotation)
+        if not inner:
+            yield prefix + key
+        for part in inner:
+            yield from known_paths(part, f"{prefix}{key}.")
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in getattr(annotation, "__args__", ()) for model in _models(part)]
+
+
+# -- what spans several keys --
+
+
+def check(scenario: Scenario) -> None:
+    """Refuse what no single key shows: lengths, rates, times that do not fit together."""
+    _check_lengths(scenario)
+    _check_rates(scenario)
+    for load in scenario.load:
+        if not load.at_s < load.until_s <= scenario.duration_s:
+            raise ScenarioError(
+                f"load from {load.at_s} s until {load.until_s} s: it must begin before it ends, "
+                f"and end by duration_s = {scenario.duration_s}"
+            )
+
+
+def _check_lengths(scenario: Scenario) -> None:
+    joints = len(scenario.arm.lengths_m)
+    if joints != 3:
+        raise ScenarioError(f"arm.lengths_m has {joints} entries: this version runs arms of 3 joints")
+    for path, values in scenario.per_joint().items():
+        if len(values) != joints:
+            raise ScenarioError(f"{path} has {len(values)} entries, but arm.lengths_m has {joints}: one a joint")
+
+
+def _check_rates(scenario: Scenario) -> None:
+    clock, period_ns = scenario.clock, scenario.period_ns
+    if scenario.duration_ns % period_ns:
+        raise ScenarioError(
+            f"duration_s = {scenario.duration_s} is not a multiple of clock.period_s = {clock.period_s}: change either"
+        )
+    if 1_000_000_000 % scenario.bus.bitrate:
+        raise ScenarioError(
+            f"bus.bitrate = {scenario.bus.bitrate}: a bit lasts {1e9 / scenario.bus.bitrate:.3f} ns, "
+            "which is no whole number; take 1000000, 800000, 500000, 250000 or 125000"
+        )
+    for joint in range(1, scenario.joints + 1):
+        if scenario.compute_ns(joint) >= period_ns:
+            raise ScenarioError(
+                f"joint{joint}: compute_s = {scenario.compute_ns(joint) * 1e-9} is not below "
+                f"clock.period_s = {clock.period_s}: it would never keep up"
+            )
+    if to_ns(scenario.dsp.compute_s) >= period_ns:
+        raise ScenarioError(
+            f"dsp.compute_s = {scenario.dsp.compute_s} is not below clock.period_s = {clock.period_s}"
+        )

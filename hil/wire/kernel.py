@@ -1,0 +1,239 @@
+"""The virtual-time kernel of one CAN bus: who wakes when, which frame goes next, when it ends.
+
+Everything that happens is an entry of one agenda, ordered by (time, phase, node order, sequence). The phases of an
+instant, in this order: a frame ends and is delivered; nodes that are due wake; what they send is queued; the bus, if it
+is idle, starts the frame that wins arbitration. So all wake-ups due at t are handled before the bus starts a frame at
+t, and a frame queued after a start of frame waits.
+
+An identifier is that of linux/can.h: 11 or 29 bits and the flags EXTENDED and REMOTE.
+
+Ref: ISO 11898-1:2015, 10.4 (frames), 10.4.6 (intermission), 10.8 (arbitration); linux/can.h.
+Not implemented: CAN FD, errors on the wire and their confinement, bounded transmit queues.
+"""
+
+from collections import deque
+from collections.abc import Callable, Collection
+from heapq import heappop, heappush
+from typing import Any, Protocol
+
+from hil.errors import NodeError
+from hil.node import Reaction
+from hil.wire.bits import INTERMISSION_BITS, frame_bits
+
+EXTENDED = 0x80000000
+REMOTE = 0x40000000
+STANDARD_MASK = 0x7FF
+EXTENDED_MASK = 0x1FFFFFFF
+
+DELIVER, WAKE, QUEUE, ARBITRATE = range(4)
+
+Arrival = tuple[int, int, bytes]
+"""(end of frame in ns, identifier, data)"""
+
+Watcher = Callable[[int, int, bytes, str], None]
+"""Called with (end of frame in ns, identifier, data, sender) for every frame on the bus."""
+
+
+class Participant(Protocol):
+    """What the kernel needs of a node, wherever it runs."""
+
+    name: str
+    wakes_on: Collection[int]
+    stores: Collection[int]
+
+    def start(self, now_ns: int) -> Reaction:
+        """Return the reaction to the start of time."""
+
+    def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
+        """Hand over the frames stored since the last wake-up, then the frame that wakes (None: the timer)."""
+
+
+def arbitration_key(identifier: int) -> int:
+    """Return the arbitration field as a number: the smaller wins the bus (ISO 11898-1, 10.8: dominant is 0)."""
+    if identifier <= STANDARD_MASK:
+        return identifier << 21
+    remote = identifier & REMOTE != 0
+    if identifier & EXTENDED:
+        number = identifier & EXTENDED_MASK
+        return (number >> 18) << 21 | 0b11 << 19 | (number & 0x3FFFF) << 1 | remote
+    return (identifier & STANDARD_MASK) << 21 | remote << 20
+
+
+class Port:
+    """One participant as the kernel keeps it."""
+
+    __slots__ = ("busy_until_ns", "inbox", "order", "participant", "queue", "timer_ns")
+
+    def __init__(self, participant: Participant, order: int) -> None:
+        self.participant = participant
+        self.order = order
+        self.timer_ns: int | None = None
+        self.busy_until_ns = -(1 << 63)
+        self.inbox: deque[tuple[Arrival, bool]] = deque()
+        self.queue: list[tuple[int, int, int, int, bytes]] = []
+
+    def take(self) -> list[Arrival]:
+        """Take the stored frames that lie before the next waking one."""
+        inbox, stored = self.inbox, []
+        while inbox and not inbox[0][1]:
+            stored.append(inbox.popleft()[0])
+        return stored
+
+
+class Kernel:
+    """One bus. Fidelity `bits`: frames take their exact time. `functional`: frames and computing take none."""
+
+    def __init__(self, bit_ns: int, functional: bool = False, start_ns: int = 0) -> None:
+        self.now_ns = start_ns
+        self.bit_ns = 0 if functional else bit_ns
+        self.functional = functional
+        self.ports: list[Port] = []
+        self.watchers: list[Watcher] = []
+        self.stopped = False
+        self.bits_on_wire = 0
+        self.wakes = 0
+        self._agenda: list[tuple[int, int, int, int, Callable[[Any], None], Any]] = []
+        self._sequence = 0
+        self._idle = True
+        self._routes: dict[int, list[tuple[Port, bool]]] = {}
+
+    def join(self, participant: Participant) -> Port:
+        """Add a participant; the order of joining breaks ties."""
+        port = Port(participant, len(self.ports))
+        self.ports.append(port)
+        self._routes.clear()
+        return port
+
+    def start(self) -> None:
+        """Tell every participant that time begins."""
+        for port in self.ports:
+            self._react(port, port.participant.start(self.now_ns))
+
+    def run(self, until_ns: int) -> None:
+        """Carry out everything due up to and at until_ns, or until stopped."""
+        agenda = self._agenda
+        while agenda and not self.stopped and agenda[0][0] <= until_ns:
+            self.now_ns, _, _, _, action, argument = heappop(agenda)
+            action(argument)
+        if not self.stopped:
+            self.now_ns = max(self.now_ns, until_ns)
+
+    @property
+    def next_ns(self) -> int | None:
+        """When something is due next."""
+        return self._agenda[0][0] if self._agenda else None
+
+    def send(self, port: Port, identifier: int, data: bytes) -> None:
+        """Queue a frame from outside of the kernel's own time, now."""
+        self._at(self.now_ns, QUEUE, port, self._queue, (port, identifier, data))
+
+    # -- the agenda --
+
+    def _at(self, t_ns: int, phase: int, port: Port | None, action: Callable[[Any], None], argument: Any) -> None:
+        self._sequence += 1
+        order = -1 if port is None else port.order
+        heappush(self._agenda, (t_ns, phase, order, self._sequence, action, argument))
+
+    # -- the nodes --
+
+    def _react(self, port: Port, reaction: Reaction) -> None:
+        busy_ns, timer_ns, sends = reaction
+        now_ns = self.now_ns
+        if self.functional:
+            for _, identifier, data in sends:
+                self._at(now_ns, QUEUE, port, self._queue, (port, identifier, data))
+        else:
+            port.busy_until_ns = now_ns + busy_ns
+            for delay_ns, identifier, data in sends:
+                self._at(now_ns + delay_ns, QUEUE, port, self._queue, (port, identifier, data))
+        if timer_ns != port.timer_ns:
+            port.timer_ns = timer_ns
+            if timer_ns is not None:
+                self._at(timer_ns, WAKE, port, self._timer, (port, timer_ns))
+
+    def _timer(self, entry: tuple[Port, int]) -> None:
+        port, timer_ns = entry
+        if port.timer_ns != timer_ns:
+            return
+        if port.busy_until_ns > self.now_ns:
+            self._at(port.busy_until_ns, WAKE, port, self._timer, entry)
+            return
+        port.timer_ns = None
+        self._wake(port, None)
+
+    def _frame_due(self, port: Port) -> None:
+        if port.busy_until_ns > self.now_ns:
+            self._at(port.busy_until_ns, WAKE, port, self._frame_due, port)
+            return
+        self._wake(port, port)
+
+    def _wake(self, port: Port, frame_from: Port | None) -> None:
+        self.wakes += 1
+        stored = port.take()
+        cause = None if frame_from is None else port.inbox.popleft()[0]
+        reaction = port.participant.wake(self.now_ns, stored, cause)
+        timer_ns = reaction[1]
+        if timer_ns is not None and timer_ns <= self.now_ns:
+            raise NodeError(
+                f"{port.participant.name}: timer asked for at {timer_ns} ns, but it is already {self.now_ns} ns: "
+                "ask for a later instant"
+            )
+        self._react(port, reaction)
+
+    # -- the bus --
+
+    def _queue(self, entry: tuple[Port, int, bytes]) -> None:
+        port, identifier, data = entry
+        self._sequence += 1
+        heappush(port.queue, (arbitration_key(identifier), port.order, self._sequence, identifier, data))
+        if self._idle:
+            self._idle = False
+            self._at(self.now_ns, ARBITRATE, None, self._arbitrate, None)
+
+    def _arbitrate(self, _: None) -> None:
+        """Start the frame that wins; each port enters with the head of its queue."""
+        heads = [port.queue[0] for port in self.ports if port.queue]
+        if not heads:
+            self._idle = True
+            return
+        _, order, _, identifier, data = min(heads)
+        port = self.ports[order]
+        heappop(port.queue)
+        end_ns = self.now_ns
+        if not self.functional:
+            bits = self._bits(identifier, data)
+            self.bits_on_wire += bits + INTERMISSION_BITS
+            end_ns += bits * self.bit_ns
+        self._at(end_ns, DELIVER, port, self._deliver, (port, identifier, data))
+
+    @staticmethod
+    def _bits(identifier: int, data: bytes) -> int:
+        if identifier <= STANDARD_MASK:
+            return frame_bits(identifier, data)
+        extended, remote = identifier & EXTENDED != 0, identifier & REMOTE != 0
+        number = identifier & (EXTENDED_MASK if extended else STANDARD_MASK)
+        if remote:
+            return frame_bits(number, b"", extended, True, len(data))
+        return frame_bits(number, data, extended)
+
+    def _deliver(self, frame: tuple[Port, int, bytes]) -> None:
+        sender, identifier, data = frame
+        now_ns = self.now_ns
+        for port, wakes in self._routes.get(identifier) or self._route(identifier):
+            if port is not sender:
+                port.inbox.append(((now_ns, identifier, data), wakes))
+                if wakes:
+                    self._at(max(now_ns, port.busy_until_ns), WAKE, port, self._frame_due, port)
+        for watcher in self.watchers:
+            watcher(now_ns, identifier, data, sender.participant.name)
+        self._at(now_ns + INTERMISSION_BITS * self.bit_ns, ARBITRATE, None, self._arbitrate, None)
+
+    def _route(self, identifier: int) -> list[tuple[Port, bool]]:
+        """Find who accepts an identifier, and whether it wakes them; found once, kept."""
+        route = [
+            (port, identifier in port.participant.wakes_on)
+            for port in self.ports
+            if identifier in port.participant.wakes_on or identifier in port.participant.stores
+        ]
+        self._routes[identifier] = route
+        return route

@@ -1,0 +1,135 @@
+"""Straight-line source text of the planar arm's rigid-body dynamics, for a number of joints and a set of free ones.
+
+Loops over lists cost five times as much in scalar Python, numpy on 3 x 3 fifteen times; hence text, compiled once.
+Symbols: t_i = q_1 + .. + q_i the absolute angle from the horizontal, v_i its speed, A_ij and G_i constants of the links
+(`constants`), J_i rotor inertia, D_i viscosity. In absolute angles
+
+    M_ij = A_ij cos(t_i - t_j)    h_i = sum_j A_ij sin(t_i - t_j) v_j^2    g_i = G_i cos t_i
+
+and the joint coordinates' values are the sums over all links from joint i (and j) on; J_i stands on M's diagonal there.
+The text uses floats, tuples, sin and cos alone, so Numba compiles it too. Units: SI. Ref: eq. (1).
+"""
+
+from plant.parameters import ArmParameters, Vector, check_payload
+
+Lines = list[str]
+
+
+def constants(parameters: ArmParameters, payload_kg: float) -> dict[str, float]:
+    """Return A_ij (i <= j), G_i, J_i, D_i by the names the text uses; uniform links, a point mass payload_kg at the tip."""
+    values: dict[str, float] = {}
+    beyond = check_payload(payload_kg)  # mass beyond link j
+    for j in range(parameters.joints, 0, -1):
+        length, mass = parameters.length_m[j - 1], parameters.mass_kg[j - 1]
+        moment = (mass / 2 + beyond) * length
+        values[f"A{j}{j}"] = (mass / 3 + beyond) * length * length
+        for i in range(1, j):
+            values[f"A{i}{j}"] = parameters.length_m[i - 1] * moment
+        values[f"G{j}"] = parameters.gravity_m_s2 * moment
+        values[f"J{j}"] = parameters.rotor_inertia_kgm2[j - 1]
+        values[f"D{j}"] = parameters.viscosity_Nms[j - 1]
+        beyond += mass
+    return values
+
+
+def each(n: int, pattern: str) -> str:
+    """Return the pattern for i = 1..n, with a comma after each: `each(2, "q{i}")` is "q1, q2,"."""
+    return " ".join(pattern.format(i=i) + "," for i in range(1, n + 1))
+
+
+def inertia_lines(n: int) -> Lines:
+    """Set M_ij (i <= j), and S_ij = A_ij sin(t_j - t_i) for `bias_lines`, from q_i."""
+    lines = []
+    for i in range(1, n):
+        lines += [f"d{i}{i + 1} = q{i + 1}"]
+        lines += [f"d{i}{j} = d{i}{j - 1} + q{j}" for j in range(i + 2, n + 1)]
+        lines += [f"S{i}{j} = A{i}{j} * sin(d{i}{j})" for j in range(i + 1, n + 1)]
+    for i in range(n, 0, -1):
+        row = ""
+        for j in range(n, i, -1):
+            row = f"{row} + A{i}{j} * cos(d{i}{j})" if row == "" else f" + r{i}{j + 1} + A{i}{j} * cos(d{i}{j})"
+            lines += [f"r{i}{j} ={row.removeprefix(' +')}", f"m{i}{j} = m{i + 1}{j} + r{i}{j}"]
+        lines.append(f"m{i}{i} = A{i}{i}" if i == n else f"m{i}{i} = m{i}{i + 1} + r{i}{i + 1} + A{i}{i}")
+    return lines + [f"M{i}{i} = m{i}{i} + J{i}" for i in range(1, n + 1)]
+
+
+def bias_lines(n: int, coriolis: bool = True, gravity: bool = True) -> Lines:
+    """Set b_i to the joint torque of h, of g, or of both; after `inertia_lines`."""
+    lines = [f"t{i} = {f't{i - 1} + q{i}' if i > 1 else 'q1'}" for i in range(1, n + 1) if gravity]
+    for i in range(1, n + 1):
+        lines += [f"v{i} = {f'v{i - 1} + w{i}' if i > 1 else 'w1'}", f"p{i} = v{i} * v{i}"] if coriolis else []
+    for i in range(n, 0, -1):
+        terms = [f"+ b{i + 1}"] if i < n else []
+        terms += [f"+ G{i} * cos(t{i})"] if gravity else []
+        if coriolis:
+            terms += [f"+ S{j}{i} * p{j}" for j in range(1, i)] + [f"- S{i}{j} * p{j}" for j in range(i + 1, n + 1)]
+        lines.append(f"b{i} = {' '.join(terms).removeprefix('+ ') or '0.0'}")
+    return lines
+
+
+def solve_lines(free: tuple[int, ...]) -> Lines:
+    """Set x_i of the free joints (numbered from 1): M x = y over them alone, by unrolled L D L^T; x_i and y_i scratch."""
+    lines = []
+    for place, k in enumerate(free):
+        above = free[:place]
+        for m in free[place:]:  # u_km = column k of what elimination has left of row m
+            cut = "".join(f" - L{k}_{p} * U{p}_{m}" for p in above)
+            lines.append(f"U{k}_{m} = {_entry(k, m)}{cut}")
+        lines += [f"L{m}_{k} = U{k}_{m} / U{k}_{k}" for m in free[place + 1 :]]
+        lines += [f"y{k} = y{k}{''.join(f' - L{k}_{p} * y{p}' for p in above)}"] if above else []
+    for place in range(len(free) - 1, -1, -1):
+        k = free[place]
+        cut = "".join(f" - L{m}_{k} * x{m}" for m in free[place + 1 :])
+        lines.append(f"x{k} = y{k} / U{k}_{k}{cut}")
+    return lines
+
+
+def _entry(i: int, j: int) -> str:
+    return f"M{i}{i}" if i == j else f"m{min(i, j)}{max(i, j)}"
+
+
+def terms_text(n: int) -> str:
+    """Return the text of terms(q, w) -> (M, h, g)."""
+    rows = " ".join("(" + " ".join(_entry(i, j) + "," for j in range(1, n + 1)) + ")," for i in range(1, n + 1))
+    body = [f"{each(n, 'q{i}')} = q", f"{each(n, 'w{i}')} = w", *inertia_lines(n)]
+    body += [*bias_lines(n, gravity=False), f"h = ({each(n, 'b{i}')})"]
+    body += [*bias_lines(n, coriolis=False), f"return ({rows}), h, ({each(n, 'b{i}')})"]
+    return function_text("terms(q, w)", body)
+
+
+def inverse_dynamics_text(n: int) -> str:
+    """Return the text of inverse_dynamics(q, w, a) -> M a + h + g + D w."""
+    body = [f"{each(n, 'q{i}')} = q", f"{each(n, 'w{i}')} = w", f"{each(n, 'x{i}')} = a"]
+    body += [*inertia_lines(n), *bias_lines(n)]
+    sums = [
+        "".join(f"{_entry(i, j)} * x{j} + " for j in range(1, n + 1)) + f"D{i} * w{i} + b{i}" for i in range(1, n + 1)
+    ]
+    return function_text("inverse_dynamics(q, w, a)", [*body, f"return ({', '.join(sums)},)"])
+
+
+def acceleration_text(n: int, free: tuple[int, ...]) -> str:
+    """Return the text of acceleration(q, w, torque) -> q", 0.0 for joints that are not free."""
+    body = [
+        f"{each(n, 'q{i}')} = q",
+        f"{each(n, 'w{i}')} = w",
+        f"{each(n, 'f{i}')} = torque",
+        *acceleration_lines(n, free),
+    ]
+    result = "".join(f"x{i}, " if i in free else "0.0, " for i in range(1, n + 1))
+    return function_text("acceleration(q, w, torque)", [*body, f"return ({result})"])
+
+
+def acceleration_lines(n: int, free: tuple[int, ...]) -> Lines:
+    """Set x_i = q" of the free joints from q_i, w_i and the torque f_i (that of motor, friction and outside)."""
+    right = [f"y{i} = f{i} - D{i} * w{i} - b{i}" for i in free]
+    return [*inertia_lines(n), *bias_lines(n), *right, *solve_lines(free)]
+
+
+def function_text(signature: str, body: Lines) -> str:
+    """Return a function definition."""
+    return "\n".join([f"def {signature}:", *("    " + line for line in body), ""])
+
+
+def zeros(n: int) -> Vector:
+    """Return n zeros."""
+    return (0.0,) * n

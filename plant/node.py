@@ -1,0 +1,150 @@
+"""The plant as a node: latches the encoders at exactly kT, lets each current act from the end of its frame.
+
+One wake-up a period: at kT it carries the arm through the period that ends there, with every Current stored since at
+its own instant, then sends Encoder k. The brakes release at the cycle after the first AccelRef, which is cycle 0, and
+engage by Stop.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from dbc.codec import Codec
+from dbc.status import Status
+from plant.robot import Robot
+
+INIT, READY, RUN, FAULT = 0, 1, 2, 3
+NO_FAULT, STOPPED = 0, 4
+
+Reaction = tuple[int, int | None, list[tuple[int, int, bytes]]]
+
+
+class Plant:
+    """The robot on the bus.
+
+    loads: (mass in kg, from ns, until ns) of payloads on the hand; action_delay_ns: for each joint, the least time
+    after its cycle's start at which a current acts (0 where the bus itself takes time).
+    """
+
+    name = "plant"
+    wakes_on = ()
+
+    def __init__(
+        self,
+        robot: Robot,
+        codec: Codec,
+        status: Status,
+        period_ns: int,
+        action_delay_ns: Sequence[int],
+        loads: Sequence[tuple[float, int, int]] = (),
+    ) -> None:
+        self.robot = robot
+        self.status = status
+        self.period_ns = period_ns
+        self.action_delay_ns = tuple(action_delay_ns)
+        joints = range(1, robot.parameters.joints + 1)
+        self.encoders = [codec[f"Encoder_{n}"] for n in joints]
+        self.currents = {codec[f"Current_{n}"].identifier: n for n in joints}
+        self.codecs = codec.by_identifier
+        self.release = codec["AccelRef" if len(joints) <= 3 else "AccelRef_1"].identifier
+        self.stop = codec["Stop"].identifier
+        self.stores = (*self.currents, self.release, self.stop)
+
+        self.state = INIT
+        self.answered = [False] * len(joints)
+        self.missed_currents = [0] * len(joints)
+        self.late_currents = 0
+        self.crc_errors = 0
+        self.rows: list[tuple[float, ...]] = []
+        for mass_kg, at_ns, until_ns in loads:
+            robot.set_payload(mass_kg, at_ns)
+            robot.set_payload(0.0, until_ns)
+
+    def on_start(self, now_ns: int) -> Reaction:
+        """Begin at the next multiple of the period."""
+        return 0, -(-now_ns // self.period_ns) * self.period_ns, []
+
+    def on_frame(self, identifier: int, data: bytes, now_ns: int) -> Reaction:
+        """Nothing wakes the plant but its timer."""
+        raise NotImplementedError
+
+    def store(self, identifier: int, data: bytes, at_ns: int) -> None:
+        """Let a current act, release the brakes, or engage them."""
+        if identifier in self.currents:
+            self._take_current(identifier, data, at_ns)
+        elif identifier == self.stop:
+            self.robot.engage_brakes(at_ns)
+            self.state = FAULT
+        elif self.state == INIT and self.codecs[identifier].unpack(data) is not None:
+            self.state = READY
+
+    def on_timer(self, now_ns: int) -> Reaction:
+        """Move the arm to kT and show where it is."""
+        robot = self.robot
+        if self.state == READY:
+            robot.release_brakes(now_ns)
+            self.state = RUN
+        elif self.state == RUN:
+            self._count_missing()
+        robot.advance_to(now_ns)
+        if self.state == RUN:
+            self._record()
+        self.answered = [False] * len(self.answered)
+        cycle = now_ns // self.period_ns & 0xFF
+        sends = [
+            (0, encoder.identifier, encoder.pack(count, cycle))
+            for encoder, count in zip(self.encoders, robot.counts(), strict=True)
+        ]
+        fault = STOPPED if self.state == FAULT else NO_FAULT
+        saturations, missed = sum(robot.saturations), sum(self.missed_currents)
+        sends += self.status.sends(now_ns, self.state, fault, saturations, self.late_currents, missed, 0)
+        return 0, now_ns + self.period_ns, sends
+
+    def _take_current(self, identifier: int, data: bytes, at_ns: int) -> None:
+        fields = self.codecs[identifier].unpack(data)
+        if fields is None:
+            self.crc_errors += 1
+            return
+        counts, _, cycle = fields
+        joint = self.currents[identifier]
+        period = at_ns // self.period_ns
+        age = (period - cycle) & 0xFF
+        if age == 0:
+            self.answered[joint - 1] = True
+        else:
+            self.late_currents += 1
+        acts_ns = (period - age) * self.period_ns + self.action_delay_ns[joint - 1]
+        self.robot.set_current(joint, counts, max(at_ns, acts_ns))
+
+    def _count_missing(self) -> None:
+        """Count joints whose Current of the period that ends did not come; the amplifier held the last one."""
+        for joint, answered in enumerate(self.answered):
+            self.missed_currents[joint] += not answered
+
+    def _record(self) -> None:
+        """Keep the truth at kT, the currents and accelerations being those of the instant."""
+        robot = self.robot
+        self.rows.append(
+            (
+                *robot.q,
+                *robot.w,
+                *robot.acceleration(),
+                *robot.current_A,
+                *robot.friction(),
+                *robot.external_Nm,
+                robot.payload_kg,
+            )
+        )
+
+    def report(self) -> dict[str, Any]:
+        """Counters by cause, and the truth at kT, a row a cycle from 0 on."""
+        names = ("q_rad", "w_rad_s", "a_rad_s2", "current_A", "friction_Nm", "external_Nm")
+        joints = range(1, len(self.encoders) + 1)
+        columns = [f"{name}_{n}" for name in names for n in joints] + ["payload_kg"]
+        return {
+            "crc_errors": self.crc_errors,
+            "late_currents": self.late_currents,
+            "missed_currents": {f"joint{n}": self.missed_currents[n - 1] for n in joints},
+            "saturations": {f"amplifier joint{n}": self.robot.saturations[n - 1] for n in joints},
+            "columns": columns,
+            "rows": self.rows,
+        }

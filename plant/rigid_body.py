@@ -1,0 +1,69 @@
+"""The arm's rigid-body dynamics as functions, with one arm and one payload bound in.
+
+Units: q rad, w rad/s, q" rad/s^2, torque N m; tuples of n floats. Ref: eq. (1) without c and r; texts in closed_form, rk4.
+The torque that goes in is that of motor, Coulomb friction and outside; viscosity D w is inside, since it is linear.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from math import cos, sin
+from typing import Any
+
+from plant.closed_form import acceleration_text, constants, inverse_dynamics_text, terms_text
+from plant.parameters import ArmParameters, Vector
+from plant.rk4 import step_text
+
+Terms = tuple[tuple[Vector, ...], Vector, Vector]
+Step = Callable[[float, Vector, Vector, Vector, Vector, Vector, Vector, tuple[int, ...]], tuple[Vector, Vector, bool]]
+
+
+class RigidBody:
+    """Dynamics of an arm holding payload_kg as a point mass at its tip; ValueError if the mass is negative or not finite."""
+
+    terms: Callable[[Vector, Vector], Terms]
+    """(q, w) -> M (n x n, rotors included), h, g."""
+    inverse_dynamics: Callable[[Vector, Vector, Vector], Vector]
+    """(q, w, q") -> M q" + h + g + D w."""
+
+    def __init__(self, parameters: ArmParameters, payload_kg: float = 0.0) -> None:
+        self.parameters = parameters
+        self._n = parameters.joints
+        self._values = constants(parameters, payload_kg) | _drive_constants(parameters)
+        self._ripple = any(parameters.ripple)
+        self._accelerations: dict[tuple[int, ...], Callable[[Vector, Vector, Vector], Vector]] = {}
+        self._steps: dict[tuple[tuple[int, ...], tuple[int, ...]], Step] = {}
+        self.terms = self._bind("terms", terms_text(self._n))
+        self.inverse_dynamics = self._bind("inverse_dynamics", inverse_dynamics_text(self._n))
+        self.all_joints = tuple(range(1, self._n + 1))
+
+    def acceleration(self, q: Vector, w: Vector, torque: Vector, free: tuple[int, ...] | None = None) -> Vector:
+        """Return q" of the free joints (numbered from 1, None: all), 0.0 for those that stand."""
+        free = self.all_joints if free is None else free
+        if free not in self._accelerations:
+            self._accelerations[free] = self._bind("acceleration", acceleration_text(self._n, free))
+        return self._accelerations[free](q, w, torque)
+
+    def step(self, free: tuple[int, ...], watched: tuple[int, ...]) -> Step:
+        """Return the Runge-Kutta step for these free joints, watching these for standstill: see `rk4.step_text`."""
+        key = (free, watched)
+        if key not in self._steps:
+            self._steps[key] = self._bind("step", step_text(self._n, free, watched, self._ripple))
+        return self._steps[key]
+
+    def _bind(self, name: str, text: str) -> Any:
+        return _maker(name, text, tuple(self._values))(*self._values.values())
+
+
+def _drive_constants(parameters: ArmParameters) -> dict[str, float]:
+    columns = {"K": parameters.torque_constant_Nm_A, "E": parameters.ripple, "O": parameters.ripple_order}
+    return {f"{name}{i}": value for name, column in columns.items() for i, value in enumerate(column, start=1)}
+
+
+@lru_cache(maxsize=None)
+def _maker(name: str, text: str, symbols: tuple[str, ...]) -> Callable[..., Any]:
+    """Compile the text once; what is returned binds the symbols to values (closures are as fast as locals)."""
+    body = "\n".join("    " + line for line in [*text.splitlines(), f"return {name}"])
+    namespace: dict[str, Any] = {"sin": sin, "cos": cos}
+    exec(compile(f"def make({', '.join(symbols)}):\n{body}\n", f"<plant {name}>", "exec"), namespace)
+    make: Callable[..., Any] = namespace["make"]
+    return make

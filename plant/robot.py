@@ -1,0 +1,187 @@
+"""The whole robot: arm, drives, brakes, encoders, payload, moved from instant to instant of the bench's time.
+
+Units: integer ns, rad, A, N m, kg; joints are numbered from 1 as on the bus, tuples have one entry a joint.
+Ref: eq. (1); design.md, "The plant" and "Time". Not modelled: contact, sensors other than encoders, joint limits.
+What is set at an instant acts from exactly then on: the integration stops there. What is read shows the instant just after.
+The same calls with the same times give the same bits; other stops in between change the partition, and so the last digits.
+"""
+
+from collections.abc import Callable
+from heapq import heappop, heappush
+from math import isfinite
+
+from plant.brake import Brake
+from plant.drive import Amplifiers
+from plant.encoder import Encoder
+from plant.parameters import ArmParameters, Vector, check_payload
+from plant.rigid_body import RigidBody
+from plant.stick_slip import StickSlip
+
+MS = 1_000_000
+
+
+class Robot:
+    """An arm at rest in its start pose, brakes engaged, at start_ns; ValueError if the pose or a step does not fit."""
+
+    def __init__(
+        self,
+        parameters: ArmParameters,
+        start_rad: Vector,
+        start_ns: int = 0,
+        max_step_ns: int = MS,
+        payload_kg: float = 0.0,
+    ) -> None:
+        if len(start_rad) != parameters.joints or not all(isfinite(q) for q in start_rad):
+            raise ValueError(
+                f"start pose {start_rad}: give one finite angle for each of the {parameters.joints} joints"
+            )
+        if max_step_ns < 1:
+            raise ValueError(f"max_step_ns: {max_step_ns}, but a step has at least 1 ns: 1000000 is usual")
+        self.parameters = parameters
+        self.now_ns = start_ns
+        self.payload_kg = payload_kg
+        self._max_step_ns = max_step_ns
+        self._external: Vector = (0.0,) * parameters.joints
+        bits = parameters.counter_bits
+        self._encoders = tuple(Encoder(q, parameters.counts_per_turn, bits) for q in start_rad)
+        self._brakes = tuple(Brake(torque, parameters.brake_delay_ns) for torque in parameters.brake_torque_Nm)
+        self._amplifiers = Amplifiers(parameters)
+        self._motion = StickSlip(RigidBody(parameters, payload_kg), self._amplifiers, tuple(map(float, start_rad)))
+        self._events: list[tuple[int, int, Callable[[], None]]] = []
+        self._sequence = 0
+        self._friction_changed()
+
+    def advance_to(self, t_ns: int) -> None:
+        """Integrate to t_ns, through every event up to and at t_ns; ValueError if that is the past."""
+        if t_ns < self.now_ns:
+            raise ValueError(f"advance_to({t_ns} ns): the robot is at {self.now_ns} ns already: time only moves on")
+        events = self._events
+        while events and events[0][0] <= t_ns:
+            at_ns, _, act = heappop(events)
+            self._integrate_to(at_ns)
+            act()
+        self._integrate_to(t_ns)
+
+    # what acts on it
+
+    def set_current(self, joint: int, counts: int, at_ns: int) -> None:
+        """Set a joint's current reference [counts], limited to the amplifier's largest (counted in `saturations`)."""
+        index = self._index(joint)
+        self._at(at_ns, lambda: self._amplifiers.command(index, counts))
+
+    def set_payload(self, mass_kg: float, at_ns: int) -> None:
+        """Hold a point mass at the tip instead of the one before; it is put on moving with the hand, so speeds stay."""
+        check_payload(mass_kg)
+        self._at(at_ns, lambda: self._take(mass_kg))
+
+    def set_external_torque(self, joint: int, torque_Nm: float, at_ns: int) -> None:
+        """Set the torque from outside on a joint, towards larger q if positive: -r of eq. (1)."""
+        index = self._index(joint)
+        if not isfinite(torque_Nm):
+            raise ValueError(
+                f"external torque of joint {joint}: {torque_Nm} N m is not finite: correct the disturbance"
+            )
+        self._at(at_ns, lambda: self._push(index, torque_Nm))
+
+    def release_brakes(self, at_ns: int) -> None:
+        """Release all brakes, at once."""
+        self._at(at_ns, self._release)
+
+    def engage_brakes(self, at_ns: int) -> None:
+        """Engage all brakes; they hold after the brakes' delay."""
+        self._at(at_ns, self._engage)
+
+    # what it shows
+
+    @property
+    def q(self) -> Vector:
+        """Joint angles [rad]."""
+        return self._motion.q
+
+    @property
+    def w(self) -> Vector:
+        """Joint speeds [rad/s]."""
+        return self._motion.w
+
+    @property
+    def current_A(self) -> Vector:
+        """Currents [A]."""
+        return self._amplifiers.current_A
+
+    @property
+    def external_Nm(self) -> Vector:
+        """Torques from outside [N m]."""
+        return self._external
+
+    @property
+    def saturations(self) -> tuple[int, ...]:
+        """Current references beyond the amplifiers' limit so far."""
+        return tuple(self._amplifiers.saturations)
+
+    @property
+    def brake_states(self) -> tuple[str, ...]:
+        """ "engaged", "engaging" or "released" of each brake."""
+        return tuple(brake.state(self.now_ns) for brake in self._brakes)
+
+    def counts(self) -> tuple[int, ...]:
+        """Return the encoders' counters; zero is the start pose."""
+        return tuple([encoder.counts(q) for encoder, q in zip(self._encoders, self._motion.q, strict=True)])
+
+    def acceleration(self) -> Vector:
+        """Return q" [rad/s^2] at this instant, 0.0 for joints that stand."""
+        return self._motion.acceleration()
+
+    def friction(self) -> Vector:
+        """Return c [N m] at this instant, brakes included: against sliding, or what holds a joint that stands."""
+        return self._motion.friction()
+
+    # inside
+
+    def _integrate_to(self, t_ns: int) -> None:
+        span_ns = t_ns - self.now_ns
+        if span_ns <= self._max_step_ns:
+            if span_ns:
+                self._motion.advance(span_ns * 1e-9)
+        else:
+            parts = -(-span_ns // self._max_step_ns)
+            span_s = span_ns * 1e-9 / parts
+            for _ in range(parts):
+                self._motion.advance(span_s)
+        self.now_ns = t_ns
+
+    def _at(self, at_ns: int, act: Callable[[], None]) -> None:
+        if at_ns < self.now_ns:
+            raise ValueError(f"event at {at_ns} ns: the robot is at {self.now_ns} ns already: set it before it is due")
+        if at_ns == self.now_ns:
+            act()
+            return
+        self._sequence += 1
+        heappush(self._events, (at_ns, self._sequence, act))
+
+    def _index(self, joint: int) -> int:
+        if not 1 <= joint <= self.parameters.joints:
+            raise ValueError(f"joint {joint}: the arm has joints 1 to {self.parameters.joints}")
+        return joint - 1
+
+    def _take(self, mass_kg: float) -> None:
+        self.payload_kg = mass_kg
+        self._motion.change(body=RigidBody(self.parameters, mass_kg))
+
+    def _push(self, index: int, torque_Nm: float) -> None:
+        self._external = (*self._external[:index], torque_Nm, *self._external[index + 1 :])
+        self._motion.change(external_Nm=self._external)
+
+    def _release(self) -> None:
+        for brake in self._brakes:
+            brake.release()
+        self._friction_changed()
+
+    def _engage(self) -> None:
+        # the brakes are alike but for their torque, so they hold from one and the same instant
+        holds_ns = max([brake.engage(self.now_ns) for brake in self._brakes])
+        self._at(holds_ns, self._friction_changed)
+
+    def _friction_changed(self) -> None:
+        brakes = [brake.torque_at(self.now_ns) for brake in self._brakes]
+        limits = zip(self.parameters.coulomb_Nm, brakes, strict=True)
+        self._motion.change(friction_limit_Nm=tuple([c + brake for c, brake in limits]))
