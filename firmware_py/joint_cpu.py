@@ -79,6 +79,7 @@ class JointCPU:
         self.parameter_data = None
         self.reference_data = None
         self.timer_ns = None
+        self.finished = False
 
         self.count_prev = 0
         self.w_prev = 0
@@ -108,6 +109,7 @@ class JointCPU:
     def on_frame(self, identifier, data, now_ns):
         """Answer an Encoder frame with the current reference of the same cycle."""
         if identifier == self.stop.identifier:
+            self.finished = True
             return self._halt(STOPPED)
         fields = self.encoder.unpack(data)
         if fields is None:

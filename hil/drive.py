@@ -4,7 +4,9 @@ Both hand a node its stored frames, then what wakes it, in the same order: so it
 """
 
 from hil.node import Node, Reaction
+from hil.wire import protocol
 from hil.wire.kernel import Arrival
+from hil.wire.protocol import Connection
 
 
 class Direct:
@@ -28,3 +30,24 @@ class Direct:
         if cause is None:
             return node.on_timer(now_ns)
         return node.on_frame(cause[1], cause[2], now_ns)
+
+
+def over(connection: Connection, node: Node) -> str:
+    """Drive a node whose bus is at the other end; return why it ended.
+
+    Raises protocol.Closed if the bus went away without a word.
+    """
+    direct = Direct(node)
+    while True:
+        kind, body = connection.receive()
+        if kind == protocol.GRANT:
+            reaction = direct.wake(*protocol.decode_grant(body))
+        elif kind == protocol.START:
+            reaction = direct.start(protocol.decode_time(body))
+        elif kind == protocol.END:
+            return body.decode(errors="replace")
+        else:
+            raise protocol.ProtocolError(f"message of kind {kind} where a grant was due")
+        connection.send(protocol.LEAVE if node.finished else protocol.YIELD, protocol.encode_yield(reaction))
+        if node.finished:
+            return "finished"

@@ -28,6 +28,9 @@ class Node(Protocol):
     stores: Collection[int]
     """Identifiers that are handed to `store`, silently, before the next wake-up."""
 
+    finished: bool
+    """Whether its part in the run is over."""
+
     def on_start(self, now_ns: int) -> Reaction:
         """Answer the start of time."""
 

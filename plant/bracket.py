@@ -1,6 +1,6 @@
 """Where a function of time first falls below zero.
 
-Units: s. Ref: Illinois variant of regula falsi (Dowell, Jarratt, BIT 11, 1971), kept off its ends so that both close in.
+Units: s. Ref: Illinois variant of regula falsi (Dowell, Jarratt, BIT 11, 1971), kept off its ends so that both move.
 """
 
 from collections.abc import Callable

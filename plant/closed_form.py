@@ -10,13 +10,13 @@ and the joint coordinates' values are the sums over all links from joint i (and 
 The text uses floats, tuples, sin and cos alone, so Numba compiles it too. Units: SI. Ref: eq. (1).
 """
 
-from plant.parameters import ArmParameters, Vector, check_payload
+from plant.parameters import ArmParameters, check_payload
 
 Lines = list[str]
 
 
 def constants(parameters: ArmParameters, payload_kg: float) -> dict[str, float]:
-    """Return A_ij (i <= j), G_i, J_i, D_i by the names the text uses; uniform links, a point mass payload_kg at the tip."""
+    """Return A_ij (i <= j), G_i, J_i, D_i by the text's names: uniform links, a point mass payload_kg at the tip."""
     values: dict[str, float] = {}
     beyond = check_payload(payload_kg)  # mass beyond link j
     for j in range(parameters.joints, 0, -1):
@@ -68,7 +68,7 @@ def bias_lines(n: int, coriolis: bool = True, gravity: bool = True) -> Lines:
 
 
 def solve_lines(free: tuple[int, ...]) -> Lines:
-    """Set x_i of the free joints (numbered from 1): M x = y over them alone, by unrolled L D L^T; x_i and y_i scratch."""
+    """Set x_i of the free joints (numbered from 1) so that M x = y over them alone, by unrolled L D L^T."""
     lines = []
     for place, k in enumerate(free):
         above = free[:place]
@@ -88,35 +88,15 @@ def _entry(i: int, j: int) -> str:
     return f"M{i}{i}" if i == j else f"m{min(i, j)}{max(i, j)}"
 
 
-def terms_text(n: int) -> str:
-    """Return the text of terms(q, w) -> (M, h, g)."""
-    rows = " ".join("(" + " ".join(_entry(i, j) + "," for j in range(1, n + 1)) + ")," for i in range(1, n + 1))
-    body = [f"{each(n, 'q{i}')} = q", f"{each(n, 'w{i}')} = w", *inertia_lines(n)]
-    body += [*bias_lines(n, gravity=False), f"h = ({each(n, 'b{i}')})"]
-    body += [*bias_lines(n, coriolis=False), f"return ({rows}), h, ({each(n, 'b{i}')})"]
-    return function_text("terms(q, w)", body)
+def unpack_lines(n: int, **sources: str) -> Lines:
+    """Set x1 .. xn from the tuple of that name, for each x=tuple."""
+    return [f"{each(n, symbol + '{i}')} = {name}" for symbol, name in sources.items()]
 
 
-def inverse_dynamics_text(n: int) -> str:
-    """Return the text of inverse_dynamics(q, w, a) -> M a + h + g + D w."""
-    body = [f"{each(n, 'q{i}')} = q", f"{each(n, 'w{i}')} = w", f"{each(n, 'x{i}')} = a"]
-    body += [*inertia_lines(n), *bias_lines(n)]
-    sums = [
-        "".join(f"{_entry(i, j)} * x{j} + " for j in range(1, n + 1)) + f"D{i} * w{i} + b{i}" for i in range(1, n + 1)
-    ]
-    return function_text("inverse_dynamics(q, w, a)", [*body, f"return ({', '.join(sums)},)"])
-
-
-def acceleration_text(n: int, free: tuple[int, ...]) -> str:
-    """Return the text of acceleration(q, w, torque) -> q", 0.0 for joints that are not free."""
-    body = [
-        f"{each(n, 'q{i}')} = q",
-        f"{each(n, 'w{i}')} = w",
-        f"{each(n, 'f{i}')} = torque",
-        *acceleration_lines(n, free),
-    ]
-    result = "".join(f"x{i}, " if i in free else "0.0, " for i in range(1, n + 1))
-    return function_text("acceleration(q, w, torque)", [*body, f"return ({result})"])
+def driving_lines(joints: tuple[int, ...], ripple: bool) -> Lines:
+    """Set f_i = Kt(q) i_i + e_i; the drive's constants are K_i, E_i, O_i (`drive.torque_constant`)."""
+    factor = " * (1.0 + E{i} * cos(O{i} * q{i}))" if ripple else ""
+    return [("f{i} = K{i}" + factor + " * i{i} + e{i}").format(i=i) for i in joints]
 
 
 def acceleration_lines(n: int, free: tuple[int, ...]) -> Lines:
@@ -125,11 +105,45 @@ def acceleration_lines(n: int, free: tuple[int, ...]) -> Lines:
     return [*inertia_lines(n), *bias_lines(n), *right, *solve_lines(free)]
 
 
+def terms_text(n: int) -> str:
+    """Return the text of terms(q, w) -> (M, h, g)."""
+    rows = " ".join("(" + " ".join(_entry(i, j) + "," for j in range(1, n + 1)) + ")," for i in range(1, n + 1))
+    body = [*unpack_lines(n, q="q", w="w"), *inertia_lines(n)]
+    body += [*bias_lines(n, gravity=False), f"h = ({each(n, 'b{i}')})"]
+    body += [*bias_lines(n, coriolis=False), f"return ({rows}), h, ({each(n, 'b{i}')})"]
+    return function_text("terms(q, w)", body)
+
+
+def inverse_dynamics_text(n: int) -> str:
+    """Return the text of inverse_dynamics(q, w, a) -> M a + h + g + D w."""
+    joints = tuple(range(1, n + 1))
+    body = [*unpack_lines(n, q="q", w="w", x="a"), *inertia_lines(n), *bias_lines(n)]
+    sums = [f"{_row(i, joints)}D{i} * w{i} + b{i}," for i in joints]
+    return function_text("inverse_dynamics(q, w, a)", [*body, f"return ({' '.join(sums)})"])
+
+
+def acceleration_text(n: int, free: tuple[int, ...]) -> str:
+    """Return the text of acceleration(q, w, torque) -> q", 0.0 for joints that are not free."""
+    body = [*unpack_lines(n, q="q", w="w", f="torque"), *acceleration_lines(n, free)]
+    return function_text("acceleration(q, w, torque)", [*body, f"return ({_of_free(n, free)})"])
+
+
+def balance_text(n: int, free: tuple[int, ...], ripple: bool) -> str:
+    """Return the text of balance(q, w, current, e) -> (q", what holds the joints that are not free, else 0.0)."""
+    body = [*unpack_lines(n, q="q", w="w", i="current", e="e"), *driving_lines(tuple(range(1, n + 1)), ripple)]
+    body += acceleration_lines(n, free)
+    held = "".join("0.0, " if i in free else f"f{i} - ({_row(i, free)}b{i}), " for i in range(1, n + 1))
+    return function_text("balance(q, w, current, e)", [*body, f"return ({_of_free(n, free)}), ({held})"])
+
+
+def _row(i: int, joints: tuple[int, ...]) -> str:
+    return "".join(f"{_entry(i, j)} * x{j} + " for j in joints)
+
+
+def _of_free(n: int, free: tuple[int, ...]) -> str:
+    return "".join(f"x{i}, " if i in free else "0.0, " for i in range(1, n + 1))
+
+
 def function_text(signature: str, body: Lines) -> str:
     """Return a function definition."""
     return "\n".join([f"def {signature}:", *("    " + line for line in body), ""])
-
-
-def zeros(n: int) -> Vector:
-    """Return n zeros."""
-    return (0.0,) * n

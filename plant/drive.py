@@ -1,6 +1,6 @@
 """The drives: amplifiers from counts to amperes, and the torque constant with its ripple.
 
-Units: A, s, N m/A; counts of 1 / current_counts_per_A ampere; one tuple entry a joint. Ref: eqs. (1) and (4), Kt and Ktn.
+Units: A, s, N m/A; counts of 1 / current_counts_per_A ampere; one tuple entry a joint. Ref: eqs. (1), (4).
 Not modelled: the current loop's own dynamics beyond one first-order lag, supply voltage, heating.
 """
 
@@ -22,7 +22,7 @@ class Amplifiers:
         """References beyond the limit, a joint."""
 
     def command(self, index: int, counts: int) -> None:
-        """Set the reference of joint index (from 0), limited to the amplifier's largest current; TypeError if not a whole count."""
+        """Set the reference of joint index (from 0), limited to the largest current; TypeError if counts is no int."""
         if not isinstance(counts, int):
             raise TypeError(f"current of joint {index + 1}: {counts!r} is not a whole number of counts: pass an int")
         asked_A = counts / self._counts_per_A

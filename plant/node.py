@@ -53,6 +53,7 @@ class Plant:
         self.answered = [False] * len(joints)
         self.missed_currents = [0] * len(joints)
         self.late_currents = 0
+        self.finished = False
         self.crc_errors = 0
         self.rows: list[tuple[float, ...]] = []
         for mass_kg, at_ns, until_ns in loads:
@@ -88,6 +89,7 @@ class Plant:
         robot.advance_to(now_ns)
         if self.state == RUN:
             self._record()
+        self.finished = self.state == FAULT
         self.answered = [False] * len(self.answered)
         cycle = now_ns // self.period_ns & 0xFF
         sends = [

@@ -1,24 +1,28 @@
 """The arm's rigid-body dynamics as functions, with one arm and one payload bound in.
 
-Units: q rad, w rad/s, q" rad/s^2, torque N m; tuples of n floats. Ref: eq. (1) without c and r; texts in closed_form, rk4.
-The torque that goes in is that of motor, Coulomb friction and outside; viscosity D w is inside, since it is linear.
+Units: q rad, w rad/s, q" rad/s^2, torque N m; tuples of n floats. Ref: eq. (1) without c and r.
+The texts come from `closed_form` and `rk4`. The torque that goes in is that of motor, Coulomb friction and outside;
+viscosity D w is inside.
 """
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 from math import cos, sin
 from typing import Any
 
-from plant.closed_form import acceleration_text, constants, inverse_dynamics_text, terms_text
+from plant.closed_form import acceleration_text, balance_text, constants, inverse_dynamics_text, terms_text
 from plant.parameters import ArmParameters, Vector
 from plant.rk4 import step_text
 
+Joints = tuple[int, ...]
+"""Joints, numbered from 1, in order."""
 Terms = tuple[tuple[Vector, ...], Vector, Vector]
 Step = Callable[[float, Vector, Vector, Vector, Vector, Vector, Vector, tuple[int, ...]], tuple[Vector, Vector, bool]]
+Balance = Callable[[Vector, Vector, Vector, Vector], tuple[Vector, Vector]]
 
 
 class RigidBody:
-    """Dynamics of an arm holding payload_kg as a point mass at its tip; ValueError if the mass is negative or not finite."""
+    """Dynamics of an arm that holds the point mass payload_kg at its tip; ValueError if negative or not finite."""
 
     terms: Callable[[Vector, Vector], Terms]
     """(q, w) -> M (n x n, rotors included), h, g."""
@@ -30,20 +34,27 @@ class RigidBody:
         self._n = parameters.joints
         self._values = constants(parameters, payload_kg) | _drive_constants(parameters)
         self._ripple = any(parameters.ripple)
-        self._accelerations: dict[tuple[int, ...], Callable[[Vector, Vector, Vector], Vector]] = {}
-        self._steps: dict[tuple[tuple[int, ...], tuple[int, ...]], Step] = {}
+        self._accelerations: dict[Joints, Callable[[Vector, Vector, Vector], Vector]] = {}
+        self._balances: dict[Joints, Balance] = {}
+        self._steps: dict[tuple[Joints, Joints], Step] = {}
         self.terms = self._bind("terms", terms_text(self._n))
         self.inverse_dynamics = self._bind("inverse_dynamics", inverse_dynamics_text(self._n))
         self.all_joints = tuple(range(1, self._n + 1))
 
-    def acceleration(self, q: Vector, w: Vector, torque: Vector, free: tuple[int, ...] | None = None) -> Vector:
+    def acceleration(self, q: Vector, w: Vector, torque: Vector, free: Joints | None = None) -> Vector:
         """Return q" of the free joints (numbered from 1, None: all), 0.0 for those that stand."""
         free = self.all_joints if free is None else free
         if free not in self._accelerations:
             self._accelerations[free] = self._bind("acceleration", acceleration_text(self._n, free))
         return self._accelerations[free](q, w, torque)
 
-    def step(self, free: tuple[int, ...], watched: tuple[int, ...]) -> Step:
+    def balance(self, free: Joints) -> Balance:
+        """Return (q, w, current, e) -> (q", what holds the joints that are not free), e as in `rk4`."""
+        if free not in self._balances:
+            self._balances[free] = self._bind("balance", balance_text(self._n, free, self._ripple))
+        return self._balances[free]
+
+    def step(self, free: Joints, watched: Joints) -> Step:
         """Return the Runge-Kutta step for these free joints, watching these for standstill: see `rk4.step_text`."""
         key = (free, watched)
         if key not in self._steps:
@@ -59,7 +70,7 @@ def _drive_constants(parameters: ArmParameters) -> dict[str, float]:
     return {f"{name}{i}": value for name, column in columns.items() for i, value in enumerate(column, start=1)}
 
 
-@lru_cache(maxsize=None)
+@cache
 def _maker(name: str, text: str, symbols: tuple[str, ...]) -> Callable[..., Any]:
     """Compile the text once; what is returned binds the symbols to values (closures are as fast as locals)."""
     body = "\n".join("    " + line for line in [*text.splitlines(), f"return {name}"])

@@ -1,44 +1,38 @@
-"""Straight-line source text of one classical Runge-Kutta step of the arm: four evaluations, no loop, no call but sin and cos.
+"""Straight-line source text of one classical Runge-Kutta step of the arm: four evaluations, no loop, no calls.
 
 With q' = w the positions need no slopes of their own: q + h w + h^2/6 (a1 + a2 + a3) is the same sum as the textbook's.
-The torque of a stage is Kt(q) i(t) + e, where e is what is constant over the step: external torque, and Coulomb friction
-against the direction of each sliding joint. i comes at the step's start, middle and end (an amplifier with lag moves it).
+The torque of a stage is Kt(q) i(t) + e, where e is what is constant over the step: external torque, and Coulomb
+friction against the direction of each sliding joint. i comes at start, middle and end (an amplifier with lag moves it).
 Units: SI. Ref: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, table II.1.2.
 """
 
-from plant.closed_form import Lines, acceleration_lines, each, function_text
+from plant.closed_form import Lines, acceleration_lines, driving_lines, each, function_text, unpack_lines
 
 
 def step_text(n: int, free: tuple[int, ...], watched: tuple[int, ...], ripple: bool) -> str:
     """Return the text of step(h, q, w, start, middle, end, e, modes) -> (q, w, calm) for the free joints.
 
-    calm says of every watched joint that it moves in the direction of its mode (+1, -1) when the step ends, and that the
-    acceleration at the start would not have turned it around (if that is so, it may have turned twice).
+    calm says of every watched joint that it moves in the direction of its mode (+1, -1) when the step ends, and that
+    the acceleration at the start would not have turned it around (if that is so, it may have turned twice).
     """
-    body = [
-        f"{each(n, name + '{i}')} = {tuple_}" for name, tuple_ in (("q", "q"), ("w", "w"), ("e", "e"), ("s", "modes"))
-    ]
+    body = unpack_lines(n, q="q", w="w", e="e", s="modes")
     body += ["half = 0.5 * h", *(f"Q{i} = q{i}; W{i} = w{i}" for i in free)]
     for stage, current in enumerate(("start", "middle", "middle", "end"), start=1):
-        body += _stage_lines(n, free, stage) if stage > 1 else []
-        body += [f"{each(n, 'i{i}')} = {current}"] if stage != 3 else []
-        body += [f"f{i} = {_torque(i, ripple)}" for i in free] if ripple or stage != 3 else []
+        body += _stage_lines(free, stage) if stage > 1 else []
+        body += unpack_lines(n, i=current) if stage != 3 else []
+        body += driving_lines(free, ripple) if ripple or stage != 3 else []
         body += acceleration_lines(n, free)
         body += [f"a{stage}_{i} = x{i}" for i in free] if stage < 4 else []
     return function_text("step(h, q, w, start, middle, end, e, modes)", [*body, *_end_lines(n, free, watched)])
 
 
-def _stage_lines(n: int, free: tuple[int, ...], stage: int) -> Lines:
+def _stage_lines(free: tuple[int, ...], stage: int) -> Lines:
     span = "h" if stage == 4 else "half"
     lines = []
     for i in free:
         # w_i is still the speed of the stage before, which is the slope of q
         lines += [f"q{i} = Q{i} + {span} * w{i}", f"w{i} = W{i} + {span} * a{stage - 1}_{i}"]
     return lines
-
-
-def _torque(i: int, ripple: bool) -> str:
-    return f"K{i} * (1.0 + E{i} * cos(O{i} * q{i})) * i{i} + e{i}" if ripple else f"K{i} * i{i} + e{i}"
 
 
 def _end_lines(n: int, free: tuple[int, ...], watched: tuple[int, ...]) -> Lines:

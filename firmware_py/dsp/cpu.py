@@ -68,6 +68,7 @@ class DSP:
         self.message = ""
         self.cycle = -settings.setup_cycles
         self.handled = True
+        self.finished = False
         self.counts = [0] * settings.joints
         self.counter = [0] * settings.joints
         self.encoder_cycle = [0] * settings.joints
@@ -106,6 +107,7 @@ class DSP:
     def on_frame(self, identifier: int, data: bytes, now_ns: int) -> Reaction:
         """Answer the last Encoder frame of the cycle with the references of all joints."""
         if identifier == self.stop.identifier:
+            self.finished = True
             self.state, self.fault = FAULT, FAULT_STOPPED
             return 0, None, []
         self._take_encoder(identifier, data)
@@ -175,6 +177,7 @@ class DSP:
         self.fault = fault
         self.state = FAULT if fault else self.state
         self.message = message
+        self.finished = True
         return 0, None, [(0, self.stop.identifier, self.stop.pack(reason))]
 
     def report(self) -> dict[str, Any]:

@@ -99,15 +99,24 @@ class Kernel:
 
     def join(self, participant: Participant) -> Port:
         """Add a participant; the order of joining breaks ties."""
-        port = Port(participant, len(self.ports))
+        port = Port(participant, 0)
+        self.adopt(port)
+        return port
+
+    def adopt(self, port: Port) -> None:
+        """Add a port that was made elsewhere."""
+        port.order = len(self.ports)
         self.ports.append(port)
         self._routes.clear()
-        return port
 
     def start(self) -> None:
         """Tell every participant that time begins."""
         for port in self.ports:
-            self._react(port, port.participant.start(self.now_ns))
+            self.begin(port)
+
+    def begin(self, port: Port) -> None:
+        """Tell one participant that its time begins now."""
+        self._react(port, port.participant.start(self.now_ns))
 
     def run(self, until_ns: int) -> None:
         """Carry out everything due up to and at until_ns, or until stopped."""

@@ -1,0 +1,205 @@
+"""Running a scenario as processes: one a node, and the wire in this one. They share nothing but CAN frames.
+
+All of them are kept on one CPU while they run: one works at a time, and waking another CPU costs more than the work
+itself (three times slower on two). A node that dies, hangs or breaks the protocol ends the run with its name; whatever
+happens, no process is left behind: a node whose bus is gone ends by itself.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from dbc.compiler import load_arm
+from hil.assemble import build_nodes, node_names
+from hil.errors import NodeError
+from hil.rig import Outcome, Progress, Recorder, carry_through, make_kernel, no_progress
+from hil.scenario import Scenario
+from hil.wire.channel import Listener
+from hil.wire.kernel import Kernel
+from hil.wire.server import Server
+
+START_S = 30.0
+"""Wall time in which all nodes must have joined."""
+END_S = 10.0
+"""Wall time in which a node must have ended after the bus did."""
+PATIENCE_S = 20.0
+"""Wall time for which the bus waits for a node's answer."""
+
+Notice = Callable[[str], None]
+
+
+def run_processes(
+    scenario: Scenario,
+    channel: str,
+    progress: Progress = no_progress,
+    notice: Notice = lambda _text: None,
+    patience_s: float = PATIENCE_S,
+) -> Outcome:
+    """Run every node as a process of its own; raise NodeError naming the one that failed."""
+    began = time.perf_counter()
+    build_nodes(scenario)
+    listener = Listener(channel)
+    try:
+        with tempfile.TemporaryDirectory(prefix="hil-") as folder, one_cpu():
+            nodes = Processes(scenario, channel, Path(folder))
+            try:
+                return _run(scenario, listener, nodes, progress, _watchdog(notice, patience_s), began)
+            finally:
+                nodes.end()
+    finally:
+        listener.close()
+
+
+def _run(
+    scenario: Scenario,
+    listener: Listener,
+    nodes: "Processes",
+    progress: Progress,
+    on_wait: Callable[[str, float], None],
+    began: float,
+) -> Outcome:
+    kernel = make_kernel(scenario)
+    recorder = Recorder(kernel, load_arm())
+    server = Server(listener, kernel, node_names(scenario), on_wait)
+    reason = "the rig gave up"
+    try:
+        _gather(server, nodes)
+        with nodes.named():
+            server.start()
+            wall_s, setup_wall_s, bits = carry_through(scenario, kernel, server.run, progress, began)
+        reason = "the run is over"
+    finally:
+        server.end(reason)
+    reports = nodes.reports()
+    return Outcome(
+        scenario,
+        "processes",
+        recorder.log,
+        reports,
+        bits,
+        wall_s,
+        setup_wall_s,
+        server.lost_frames,
+        server.deterministic,
+    )
+
+
+def _gather(server: Server, nodes: "Processes") -> None:
+    """Wait until every node has joined."""
+    deadline = time.monotonic() + START_S
+    while server.missing():
+        server.poll(0.05)
+        nodes.check(server.missing())
+        if time.monotonic() > deadline:
+            raise NodeError(f"{', '.join(server.missing())} did not join the bus within {START_S:.0f} s of the start")
+
+
+def _watchdog(notice: Notice, patience_s: float) -> Callable[[str, float], None]:
+    """Say whom the bus waits for, and give up when it has waited too long."""
+
+    def on_wait(name: str, waited_s: float) -> None:
+        if waited_s > patience_s:
+            raise NodeError(
+                f"{name} has not answered for {waited_s:.0f} s (limit {patience_s:.0f} s): it hangs or is stopped; "
+                "see what it does, or raise the limit with --patience"
+            )
+        if waited_s >= 1.0:
+            notice(f"waiting for {name} for {waited_s:.1f} s")
+
+    return on_wait
+
+
+@contextmanager
+def one_cpu() -> Iterator[None]:
+    """Keep this process, and those it starts meanwhile, on one CPU, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+class Processes:
+    """The node processes of one run."""
+
+    def __init__(self, scenario: Scenario, channel: str, folder: Path) -> None:
+        self.folder = folder
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        resolved = folder / "scenario.json"
+        resolved.write_text(scenario.model_dump_json())
+        for name in node_names(scenario):
+            self.processes[name] = self._start(name, resolved, channel)
+
+    def _start(self, name: str, scenario: Path, channel: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "hil.node_process", name, str(scenario), channel, str(self._report(name))]
+        with (self.folder / f"{name}.err").open("wb") as stderr:
+            # A session of its own: Ctrl-C reaches the rig alone, which ends its nodes in order.
+            return subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=stderr, stderr=stderr, start_new_session=True
+            )
+
+    def _report(self, name: str) -> Path:
+        return self.folder / f"{name}.json"
+
+    def check(self, names: list[str]) -> None:
+        """Raise NodeError for one of these nodes that has ended."""
+        for name in names:
+            if self.processes[name].poll() is not None:
+                raise NodeError(self._obituary(name))
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Add to a NodeError how the process ended that it is about."""
+        try:
+            yield
+        except NodeError as error:
+            name = str(error).partition(" ")[0]
+            if name in self.processes and self._ended(name, 1.0):
+                raise NodeError(self._obituary(name)) from None
+            raise
+
+    def _ended(self, name: str, timeout_s: float) -> bool:
+        try:
+            self.processes[name].wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    def _obituary(self, name: str) -> str:
+        code = self.processes[name].returncode
+        how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+        said = (self.folder / f"{name}.err").read_text(errors="replace").strip().splitlines()
+        return f"{name} {how} in the middle of the run" + (f": {said[-1]}" if said else "")
+
+    def reports(self) -> dict[str, dict[str, Any]]:
+        """Wait for every node's end and return what each reports."""
+        found = {}
+        for name in self.processes:
+            if not self._ended(name, END_S):
+                raise NodeError(f"{name} did not end within {END_S:.0f} s of the bus's end")
+            if self.processes[name].returncode != 0:
+                raise NodeError(self._obituary(name))
+            found[name] = json.loads(self._report(name).read_text())
+        return found
+
+    def end(self) -> None:
+        """End what still runs: ask, and after a while insist (a stopped process hears only that)."""
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.terminate()
+        for name, process in self.processes.items():
+            if not self._ended(name, 1.0):
+                process.kill()
+                process.wait()

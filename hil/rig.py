@@ -1,0 +1,92 @@
+"""Running a scenario: its nodes in this process, or each in a process of its own; either way the same frames."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from dbc.codec import Codec
+from dbc.compiler import load_arm
+from hil.assemble import build_nodes
+from hil.drive import Direct
+from hil.frame_log import FrameLog
+from hil.scenario import Scenario
+from hil.wire.kernel import Kernel
+
+Progress = Callable[[float], None]
+"""Called now and then with the share of the run that is done, 0 to 1."""
+
+SLICES = 50
+END_OF_TIME_NS = 1 << 62
+
+
+def no_progress(_share: float) -> None:
+    """Show nothing."""
+
+
+@dataclass
+class Outcome:
+    """What a run left: the frames, every node's report, and how long it took.
+
+    reports: by node name; wall_s: of cycles 0 to the end; setup_wall_s: from the first call to cycle 0.
+    """
+
+    scenario: Scenario
+    mode: str
+    log: FrameLog
+    reports: dict[str, dict[str, Any]]
+    bits_on_wire: int
+    wall_s: float
+    setup_wall_s: float
+    lost_frames: int = 0
+    deterministic: bool = True
+
+
+class Recorder:
+    """Watches the bus: keeps the frames and stops the kernel at Stop."""
+
+    def __init__(self, kernel: Kernel, codec: Codec) -> None:
+        self.kernel = kernel
+        self.log = FrameLog()
+        self._stop = codec["Stop"].identifier
+        kernel.watchers.append(self._watch)
+
+    def _watch(self, end_ns: int, identifier: int, data: bytes, sender: str) -> None:
+        self.log.watch(end_ns, identifier, data, sender)
+        if identifier == self._stop:
+            self.kernel.stopped = True
+
+
+def make_kernel(scenario: Scenario) -> Kernel:
+    """Return the bus of a scenario, its time at the beginning of the set-up."""
+    start_ns = -scenario.clock.setup_cycles * scenario.period_ns
+    return Kernel(scenario.bit_ns, scenario.bus.fidelity == "functional", start_ns)
+
+
+def run_inline(scenario: Scenario, progress: Progress = no_progress) -> Outcome:
+    """Run all nodes and the wire in this process."""
+    began = time.perf_counter()
+    kernel = make_kernel(scenario)
+    recorder = Recorder(kernel, load_arm())
+    nodes = build_nodes(scenario)
+    for node in nodes:
+        kernel.join(Direct(node))
+    kernel.start()
+    wall_s, setup_wall_s, bits = carry_through(scenario, kernel, kernel.run, progress, began)
+    reports = {node.name: node.report() for node in nodes}
+    return Outcome(scenario, "inline", recorder.log, reports, bits, wall_s, setup_wall_s)
+
+
+def carry_through(
+    scenario: Scenario, kernel: Kernel, run: Callable[[int], None], progress: Progress, began: float
+) -> tuple[float, float, int]:
+    """Run the set-up, then the cycles until Stop; return (wall s of the run, wall s before it, bits on the wire)."""
+    run(-1)
+    bits_before = kernel.bits_on_wire
+    started = time.perf_counter()
+    for part in range(1, SLICES + 1):
+        run(scenario.duration_ns * part // SLICES)
+        progress(part / SLICES)
+    while not kernel.stopped and kernel.next_ns is not None:
+        run(kernel.now_ns + scenario.period_ns)
+    return time.perf_counter() - started, started - began, kernel.bits_on_wire - bits_before

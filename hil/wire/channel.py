@@ -1,0 +1,112 @@
+"""Channels by name: where a bus listens, who may, and how to reach it.
+
+A channel is a Unix stream socket in the user's run-time directory, for the user alone. Beside it lies a lock that the
+bus holds as long as it lives: so a socket that a dead bus left behind is told from one in use, without asking anybody.
+"""
+
+import fcntl
+import os
+import re
+import socket
+import tempfile
+from pathlib import Path
+from typing import IO
+
+from hil.errors import ChannelError
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,40}")
+BACKLOG = 64
+
+
+def folder() -> Path:
+    """Return the directory of the channels, made if need be, for this user alone."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    path = Path(runtime) / "hil" if runtime else Path(tempfile.gettempdir()) / f"hil-{os.getuid()}"
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        owner = path.stat().st_uid
+    except OSError as error:
+        raise ChannelError(f"channel directory {path}: {error.strerror}; set XDG_RUNTIME_DIR to one of yours") from None
+    if owner != os.getuid():
+        raise ChannelError(f"channel directory {path} belongs to user {owner}: set XDG_RUNTIME_DIR to one of yours")
+    return path
+
+
+def socket_path(channel: str) -> Path:
+    """Return where a channel's socket is; raise ChannelError for a name that cannot be one."""
+    if not NAME.fullmatch(channel):
+        raise ChannelError(
+            f"channel {channel!r}: a name has 1 to 41 letters, digits, '_', '.' or '-', and begins with one of the first two"
+        )
+    return folder() / f"{channel}.sock"
+
+
+def names() -> list[str]:
+    """Return the channels on which a bus runs now."""
+    return sorted(path.stem for path in folder().glob("*.sock") if _is_locked(path.with_suffix(".lock")))
+
+
+class Listener:
+    """The listening end of a channel, held until `close`. Raises ChannelError if another bus holds it."""
+
+    def __init__(self, channel: str) -> None:
+        self.path = socket_path(channel)
+        self._lock = _take_lock(self.path.with_suffix(".lock"), channel)
+        self.path.unlink(missing_ok=True)
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self.socket.bind(str(self.path))
+            self.path.chmod(0o600)
+        except OSError as error:
+            self.close()
+            raise ChannelError(f"channel {channel!r}: cannot listen at {self.path}: {error.strerror}") from None
+        self.socket.listen(BACKLOG)
+        self.socket.setblocking(False)
+
+    def close(self) -> None:
+        """Give the channel back."""
+        self.socket.close()
+        self.path.unlink(missing_ok=True)
+        self.path.with_suffix(".lock").unlink(missing_ok=True)
+        self._lock.close()
+
+
+def _take_lock(path: Path, channel: str) -> IO[str]:
+    lock = path.open("a")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.close()
+        raise ChannelError(
+            f"channel {channel!r} is in use by another bus: take another name with -c, or end that bus"
+        ) from None
+    return lock
+
+
+def _is_locked(path: Path) -> bool:
+    if not path.exists():
+        return False
+    with path.open() as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def connect(channel: str) -> socket.socket:
+    """Return a connected socket; raise ChannelError if no bus is there."""
+    path = socket_path(channel)
+    client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        client.connect(str(path))
+    except (FileNotFoundError, ConnectionRefusedError):
+        client.close()
+        running = ", ".join(names()) or "none"
+        raise ChannelError(
+            f"channel {channel!r}: no bus is running there; start one with `hil bus {channel}` (running: {running})"
+        ) from None
+    except OSError as error:
+        client.close()
+        raise ChannelError(f"channel {channel!r}: {error.strerror}") from None
+    return client

@@ -1,0 +1,204 @@
+"""What a bus and its clients say to each other: messages with a length prefix on a stream socket.
+
+A message is its length (u32, of what follows), its kind (u8) and its body; numbers are little-endian. A timed client
+makes one round trip a wake-up: the bus *grants* it an instant with the frames due, it *yields* with the frames to queue
+and the timer it wants. Nothing is pickled; whatever does not decode raises ProtocolError.
+
+| kind | from | body |
+| --- | --- | --- |
+| HELLO | client | JSON: name, timed, start_ns, wakes_on, stores (lists of identifiers, or null for every frame) |
+| WELCOME | bus | JSON: name, bitrate, fidelity |
+| REFUSED | bus | the reason, text |
+| START | bus | now |
+| GRANT | bus | now, whether a frame wakes, stored frames, the waking frame last |
+| YIELD, LEAVE | client | computing time, timer, frames to queue; LEAVE says that it is the last |
+| FRAMES | bus, to observers | frames that ended |
+| SEND | observer | frames to queue now |
+| END | bus | the reason, text |
+"""
+
+import json
+import socket
+import struct
+from typing import Any
+
+from hil.node import Reaction
+from hil.wire.kernel import Arrival
+
+HELLO, WELCOME, REFUSED, START, GRANT, YIELD, LEAVE, FRAMES, SEND, END = range(1, 11)
+
+LONGEST_MESSAGE = 1 << 20
+NO_TIMER = -(1 << 63)
+RECEIVE_BYTES = 1 << 16
+
+_PREFIX = struct.Struct("<IB")
+_TIME = struct.Struct("<q")
+_GRANT = struct.Struct("<qBH")
+_YIELD = struct.Struct("<qqH")
+_COUNT = struct.Struct("<H")
+_FRAME = struct.Struct("<qIB")
+FRAME_HEADER = _FRAME.size
+
+
+class ProtocolError(Exception):
+    """Bytes that are no message of this protocol."""
+
+
+class Closed(Exception):
+    """The other end is gone."""
+
+
+class Connection:
+    """One stream of messages."""
+
+    def __init__(self, stream: socket.socket) -> None:
+        self.stream = stream
+        self._buffer = b""
+
+    def fileno(self) -> int:
+        """Return the socket's descriptor."""
+        return self.stream.fileno()
+
+    def send(self, kind: int, body: bytes) -> None:
+        """Send one message; raise Closed if nobody is there."""
+        try:
+            self.stream.sendall(_PREFIX.pack(len(body) + 1, kind) + body)
+        except (BrokenPipeError, ConnectionResetError, OSError) as error:
+            raise Closed from error
+
+    def receive(self) -> tuple[int, bytes]:
+        """Return the next message, waiting for it; BlockingIOError where the socket's own time limit runs out."""
+        while True:
+            message = self.next_message()
+            if message is not None:
+                return message
+            self.fill()
+
+    def fill(self) -> None:
+        """Read what there is; raise Closed at the end of the stream."""
+        try:
+            data = self.stream.recv(RECEIVE_BYTES)
+        except ConnectionResetError as error:
+            raise Closed from error
+        if not data:
+            raise Closed
+        self._buffer += data
+
+    def next_message(self) -> tuple[int, bytes] | None:
+        """Return a message that is whole in the buffer."""
+        buffer = self._buffer
+        if len(buffer) < _PREFIX.size:
+            return None
+        length, kind = _PREFIX.unpack_from(buffer)
+        if not 1 <= length <= LONGEST_MESSAGE:
+            raise ProtocolError(f"message of {length} bytes: 1 to {LONGEST_MESSAGE} are allowed")
+        end = _PREFIX.size - 1 + length
+        if len(buffer) < end:
+            return None
+        self._buffer = buffer[end:]
+        return kind, buffer[_PREFIX.size : end]
+
+    def close(self) -> None:
+        """Close the stream."""
+        self.stream.close()
+
+
+def message(kind: int, body: bytes) -> bytes:
+    """Return one message as bytes."""
+    return _PREFIX.pack(len(body) + 1, kind) + body
+
+
+def encode_json(values: dict[str, Any]) -> bytes:
+    """Return the body of HELLO and WELCOME."""
+    return json.dumps(values).encode()
+
+
+def decode_json(body: bytes) -> dict[str, Any]:
+    """Return the values of HELLO and WELCOME."""
+    try:
+        values = json.loads(body)
+    except (ValueError, RecursionError):
+        raise ProtocolError("the body is no JSON") from None
+    if not isinstance(values, dict):
+        raise ProtocolError("the body is no JSON object")
+    return values
+
+
+def encode_time(now_ns: int) -> bytes:
+    """Return the body of START."""
+    return _TIME.pack(now_ns)
+
+
+def decode_time(body: bytes) -> int:
+    """Return the instant of START."""
+    if len(body) != _TIME.size:
+        raise ProtocolError("START without an instant")
+    instant: int = _TIME.unpack(body)[0]
+    return instant
+
+
+def encode_grant(now_ns: int, stored: list[Arrival], cause: Arrival | None) -> bytes:
+    """Return the body of GRANT."""
+    frames = stored if cause is None else [*stored, cause]
+    return _GRANT.pack(now_ns, cause is not None, len(frames)) + _encode_frames(frames)
+
+
+def decode_grant(body: bytes) -> tuple[int, list[Arrival], Arrival | None]:
+    """Return (now in ns, stored frames, waking frame or None for the timer)."""
+    try:
+        now_ns, by_frame, count = _GRANT.unpack_from(body)
+    except struct.error:
+        raise ProtocolError("GRANT cut short") from None
+    frames = _decode_frames(body, _GRANT.size, count)
+    return now_ns, frames, frames.pop() if by_frame else None
+
+
+def encode_yield(reaction: Reaction) -> bytes:
+    """Return the body of YIELD and LEAVE."""
+    busy_ns, timer_ns, sends = reaction
+    timer = NO_TIMER if timer_ns is None else timer_ns
+    return _YIELD.pack(busy_ns, timer, len(sends)) + _encode_frames(sends)
+
+
+def decode_yield(body: bytes) -> Reaction:
+    """Return the reaction."""
+    try:
+        busy_ns, timer, count = _YIELD.unpack_from(body)
+    except struct.error:
+        raise ProtocolError("YIELD cut short") from None
+    return busy_ns, None if timer == NO_TIMER else timer, _decode_frames(body, _YIELD.size, count)
+
+
+def encode_frames(frames: list[Arrival]) -> bytes:
+    """Return the body of FRAMES and SEND."""
+    return _COUNT.pack(len(frames)) + _encode_frames(frames)
+
+
+def decode_frames(body: bytes) -> list[Arrival]:
+    """Return the frames of FRAMES and SEND."""
+    try:
+        (count,) = _COUNT.unpack_from(body)
+    except struct.error:
+        raise ProtocolError("frames cut short") from None
+    return _decode_frames(body, _COUNT.size, count)
+
+
+def _encode_frames(frames: list[Arrival]) -> bytes:
+    pack = _FRAME.pack
+    return b"".join([pack(time_ns, identifier, len(data)) + data for time_ns, identifier, data in frames])
+
+
+def _decode_frames(body: bytes, start: int, count: int) -> list[Arrival]:
+    unpack = _FRAME.unpack_from
+    frames = []
+    try:
+        for _ in range(count):
+            time_ns, identifier, length = unpack(body, start)
+            end = start + FRAME_HEADER + length
+            frames.append((time_ns, identifier, body[start + FRAME_HEADER : end]))
+            start = end
+    except struct.error:
+        raise ProtocolError("frames cut short") from None
+    if start != len(body):
+        raise ProtocolError(f"{len(body) - start} bytes too many behind {count} frames")
+    return frames

@@ -1,0 +1,49 @@
+"""Where the hand is: direct kinematics of the planar arm, for reports and for whatever touches the tip.
+
+Units: m, rad, m/s, rad/s; (x, y, phi), phi the direction of the last link. Ref: eqs. (10) and (11).
+Angles are relative, the base is the origin, x horizontal, y up. Not here: inverse kinematics (the DSP's).
+"""
+
+from math import cos, sin
+
+import numpy as np
+
+from plant.array_form import Array
+from plant.parameters import ArmParameters, Vector
+
+Planar = tuple[float, float, float]
+
+
+def tip(parameters: ArmParameters, q: Vector) -> Planar:
+    """Return (x, y, phi) at q."""
+    x = y = phi = 0.0
+    for length, angle in zip(parameters.length_m, q, strict=True):
+        phi += angle
+        x += length * cos(phi)
+        y += length * sin(phi)
+    return x, y, phi
+
+
+def tip_velocity(parameters: ArmParameters, q: Vector, w: Vector) -> Planar:
+    """Return (x', y', phi') at q, w."""
+    vx = vy = phi = speed = 0.0
+    for length, angle, rate in zip(parameters.length_m, q, w, strict=True):
+        phi += angle
+        speed += rate
+        vx -= length * sin(phi) * speed
+        vy += length * cos(phi) * speed
+    return vx, vy, speed
+
+
+def tips(parameters: ArmParameters, q: Array) -> Array:
+    """Return (x, y, phi) as (K, 3) at q (K, n)."""
+    theta = np.cumsum(q, axis=1)
+    length = np.array(parameters.length_m)
+    return np.stack([np.cos(theta) @ length, np.sin(theta) @ length, theta[:, -1]], axis=1)
+
+
+def tip_velocities(parameters: ArmParameters, q: Array, w: Array) -> Array:
+    """Return (x', y', phi') as (K, 3) at q, w (K, n)."""
+    theta, speed = np.cumsum(q, axis=1), np.cumsum(w, axis=1)
+    length = np.array(parameters.length_m)
+    return np.stack([-(np.sin(theta) * speed) @ length, (np.cos(theta) * speed) @ length, speed[:, -1]], axis=1)
