@@ -1,0 +1,163 @@
+"""What a run was worth: deviations against the plant's truth, and the signals behind them.
+
+Deviation is the analytic command minus the plant's true value at kT, k = 0 to K-1; final is the rms of the last 100 ms.
+Arrays have one row a cycle and, where a name says so, one column a joint (rad) or an axis x, y (m).
+
+Ref: the paper's eqs. (3)-(4), figs. 15 and 16.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dbc.codec import Codec
+from dbc.compiler import load_arm
+from firmware_py.dsp.trajectory import Trajectory
+from hil.assemble import arm_parameters, build_trajectory, joint_trajectory
+from hil.frame_log import LoggedFrame
+from hil.rig import Outcome
+from hil.scenario import Scenario
+from plant.disturbance import DisturbanceTerms, disturbance_terms
+from plant.kinematics import tip_velocities, tips
+
+Array = npt.NDArray[np.float64]
+
+FINAL_S = 0.1
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The signals of one run, one row a cycle.
+
+    q_cmd, w_cmd: joint commands; q, w: truth; x, v: tip (x, y) of both; a_ref, i_ref, estimate: what was on the bus (NaN
+    where a frame is missing); disturbance: the terms of (4), N m; current: A.
+    """
+
+    scenario: Scenario
+    t_s: Array
+    q_cmd: Array
+    w_cmd: Array
+    q: Array
+    w: Array
+    x_cmd: Array
+    v_cmd: Array
+    x: Array
+    v: Array
+    a_ref: Array
+    i_ref: Array
+    current: Array
+    estimate: Array
+    disturbance: DisturbanceTerms
+
+    @property
+    def deviation(self) -> Array:
+        """Joint deviation, rad."""
+        return self.q_cmd - self.q
+
+    @property
+    def final_rows(self) -> slice:
+        """The last 100 ms."""
+        return slice(-max(1, round(FINAL_S / self.scenario.clock.period_s)), None)
+
+
+def evaluate(outcome: Outcome) -> Evaluation | None:
+    """Return the evaluation of a run; None if it ended before cycle 0."""
+    scenario, codec = outcome.scenario, load_arm()
+    truth = _truth(outcome)
+    cycles = len(truth["payload_kg"])
+    if cycles == 0:
+        return None
+    q, w = truth["q_rad"], truth["w_rad_s"]
+    q_cmd, w_cmd, x_cmd, v_cmd = _commands(scenario, codec, cycles)
+    x, v = _tip(scenario, codec, q, w)
+    bus = _from_bus(outcome.log.frames, codec, scenario.joints, cycles, scenario.period_ns)
+    return Evaluation(
+        scenario=scenario,
+        t_s=np.arange(cycles) * scenario.clock.period_s,
+        q_cmd=q_cmd,
+        w_cmd=w_cmd,
+        q=q,
+        w=w,
+        x_cmd=x_cmd,
+        v_cmd=v_cmd,
+        x=x,
+        v=v,
+        a_ref=bus["a_ref"],
+        i_ref=bus["i_ref"],
+        current=truth["current_A"],
+        estimate=bus["estimate"] * np.array(scenario.joint.torque_constant_N_m_A),
+        disturbance=_disturbance(scenario, codec, truth),
+    )
+
+
+def _truth(outcome: Outcome) -> dict[str, Array]:
+    """Return what the plant recorded, (K, n) for each name with one value a joint, payload_kg (K)."""
+    report = outcome.reports["plant"]
+    joints = outcome.scenario.joints
+    rows = np.array(report["rows"], dtype=float).reshape(-1, len(report["columns"]))[: outcome.scenario.cycles]
+    names = [column.removesuffix("_1") for column in report["columns"] if column.endswith("_1")]
+    truth = {name: rows[:, k * joints : (k + 1) * joints] for k, name in enumerate(names)}
+    return truth | {"payload_kg": rows[:, -1]}
+
+
+def _disturbance(scenario: Scenario, codec: Codec, truth: dict[str, Array]) -> DisturbanceTerms:
+    return disturbance_terms(
+        arm_parameters(scenario, codec),
+        truth["q_rad"],
+        truth["w_rad_s"],
+        truth["a_rad_s2"],
+        truth["current_A"],
+        truth["friction_Nm"],
+        scenario.joint.inertia_kg_m2,
+        scenario.joint.torque_constant_N_m_A,
+        truth["payload_kg"],
+        truth["external_Nm"],
+    )
+
+
+def _tip(scenario: Scenario, codec: Codec, q: Array, w: Array) -> tuple[Array, Array]:
+    """Return the tip's (x, y) and (x', y'), eqs. (10) and (11)."""
+    parameters = arm_parameters(scenario, codec)
+    return tips(parameters, q)[:, :2], tip_velocities(parameters, q, w)[:, :2]
+
+
+def _commands(scenario: Scenario, codec: Codec, cycles: int) -> tuple[Array, Array, Array, Array]:
+    """Return (q, q', x, x') as commanded, without any rounding of the DSP's."""
+    times = [k * scenario.clock.period_s for k in range(cycles)]
+    q, w = _sampled(joint_trajectory(scenario), times)
+    if scenario.trajectory.kind == "circle":
+        x, v = _sampled(build_trajectory(scenario), times)
+        return q, w, x[:, :2], v[:, :2]
+    return q, w, *_tip(scenario, codec, q, w)
+
+
+def _sampled(motion: Trajectory, times: list[float]) -> tuple[Array, Array]:
+    """Return position and velocity at every time."""
+    commands = [motion.at(t) for t in times]
+    return np.array([position for position, _, _ in commands]), np.array([velocity for _, velocity, _ in commands])
+
+
+def _from_bus(frames: list[LoggedFrame], codec: Codec, joints: int, cycles: int, period_ns: int) -> dict[str, Array]:
+    """Return what AccelRef and Current frames of each cycle say, in rad/s^2 and A."""
+    nothing = np.full((cycles, joints), np.nan)
+    found = {"a_ref": nothing.copy(), "i_ref": nothing.copy(), "estimate": nothing.copy()}
+    current = {codec[f"Current_{n}"].identifier: n for n in range(1, joints + 1)}
+    accel_ref = codec["AccelRef"]
+    amperes, rad_s2 = codec.scale("Current_1", "Reference"), codec.scale("AccelRef", "Joint1")
+    for end_ns, identifier, data, _ in frames:
+        if identifier != accel_ref.identifier and identifier not in current:
+            continue
+        fields = codec.by_identifier[identifier].unpack(data)
+        if fields is None:
+            continue
+        period = end_ns // period_ns
+        cycle = period - ((period - fields[-1]) & 0xFF)
+        if not 0 <= cycle < cycles:
+            continue
+        if identifier == accel_ref.identifier:
+            found["a_ref"][cycle] = [value * rad_s2 for value in fields[:joints]]
+        else:
+            joint = current[identifier] - 1
+            found["i_ref"][cycle, joint], found["estimate"][cycle, joint] = (value * amperes for value in fields[:2])
+    return found

@@ -1,0 +1,104 @@
+"""The run folder: resolved scenario, frame log, signals, summary, figures; there whole or not at all."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from hil.errors import MissingExtraError, OutputError
+from hil.evaluate import Evaluation
+from hil.rig import Outcome
+from hil.scenario import Scenario
+
+FRAME_LOG = "frames.log"
+SIGNALS = "signals.parquet"
+SUMMARY = "summary.json"
+SCENARIO = "scenario.toml"
+
+
+@contextmanager
+def run_folder(path: Path) -> Iterator[Path]:
+    """Give a folder to write to, which takes its name only when everything is in it; raise OutputError otherwise."""
+    check_new(path)
+    partial = path.with_name(path.name + ".partial")
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        yield partial
+        if path.exists():
+            path.rmdir()
+        partial.rename(path)
+    except OSError as error:
+        raise OutputError(f"run folder {path}: {error.strerror or error}; nothing was kept: choose another --out") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def check_new(path: Path) -> None:
+    """Refuse a folder that holds something already."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise OutputError(f"run folder {path} is there already: choose another --out, or remove it")
+
+
+def write_run(folder: Path, outcome: Outcome, evaluation: Evaluation | None, summary: dict[str, Any]) -> None:
+    """Write everything but the figures."""
+    (folder / SCENARIO).write_text(to_toml(outcome.scenario))
+    outcome.log.write_candump(folder / FRAME_LOG, "arm")
+    (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
+    if evaluation is not None:
+        write_signals(folder / SIGNALS, evaluation)
+
+
+def write_signals(path: Path, evaluation: Evaluation) -> None:
+    """Write every signal as a column of float64, one row a cycle; names end in unit and joint or axis."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise MissingExtraError("signals are written by pyarrow, which is not installed: pip install 'hil[report]'") from None
+    pyarrow.parquet.write_table(pyarrow.table(signal_columns(evaluation)), path)
+
+
+def signal_columns(evaluation: Evaluation) -> dict[str, Any]:
+    """Return the columns of the signals file by name."""
+    columns: dict[str, Any] = {"t_s": evaluation.t_s}
+    by_joint = {
+        "q_cmd_rad": evaluation.q_cmd,
+        "w_cmd_rad_s": evaluation.w_cmd,
+        "q_rad": evaluation.q,
+        "w_rad_s": evaluation.w,
+        "a_ref_rad_s2": evaluation.a_ref,
+        "i_ref_A": evaluation.i_ref,
+        "current_A": evaluation.current,
+        "estimate_Nm": evaluation.estimate,
+        "disturbance_Nm": evaluation.disturbance.total(),
+    }
+    for field in fields(evaluation.disturbance):
+        by_joint[f"disturbance_{field.name}_Nm"] = getattr(evaluation.disturbance, field.name)
+    for name, values in by_joint.items():
+        columns |= {f"{name}_{n + 1}": values[:, n] for n in range(values.shape[1])}
+    by_axis = {
+        "tip_cmd_m": evaluation.x_cmd,
+        "tip_m": evaluation.x,
+        "tip_speed_cmd_m_s": evaluation.v_cmd,
+        "tip_speed_m_s": evaluation.v,
+    }
+    for name, values in by_axis.items():
+        columns |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xy")}
+    return columns
+
+
+def to_toml(scenario: Scenario) -> str:
+    """Return a scenario with every value written out; reading it gives the same scenario."""
+    values = scenario.model_dump(mode="json", exclude_none=True)
+    plain = {key: value for key, value in values.items() if not isinstance(value, dict) and key != "load"}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in plain.items()]
+    for key, table in values.items():
+        if isinstance(table, dict) and table:
+            lines += ["", f"[{key}]", *(f"{name} = {json.dumps(value)}" for name, value in table.items())]
+    for load in values["load"]:
+        lines += ["", "[[load]]", *(f"{name} = {json.dumps(value)}" for name, value in load.items())]
+    return "\n".join(lines) + "\n"

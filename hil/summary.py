@@ -1,0 +1,114 @@
+"""The summary of a run: what `--json` prints and summary.json holds."""
+
+import platform
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from hil.evaluate import Array, Evaluation
+from hil.rig import Outcome
+
+STOP_REASONS = {
+    0: "end",
+    1: "operator",
+    2: "joint fault",
+    3: "joint not ready",
+    4: "singular reference",
+    5: "out of reach",
+    6: "encoder lost",
+    7: "saturated reference",
+}
+STOP_IDENTIFIER = 0x010
+LOST_BY = ("crc_errors",)
+MISSED_BY = ("strikes", "missed_encoders", "late_currents", "missed_currents", "repeated_parameters")
+
+
+def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float) -> dict[str, Any]:
+    """Return the summary as JSON-ready values. startup_s: wall time from the command to cycle 0."""
+    scenario, frames = outcome.scenario, outcome.log.frames
+    simulated_s = (frames[-1][0] * 1e-9) if frames else 0.0
+    return {
+        "scenario": scenario.name,
+        "clock": scenario.clock.kind,
+        "fidelity": scenario.bus.fidelity,
+        "mode": outcome.mode,
+        "observer": scenario.joint.observer,
+        "simulated_s": min(simulated_s, scenario.duration_s),
+        "wall_s": outcome.wall_s,
+        "startup_s": startup_s,
+        "cycles": 0 if evaluation is None else len(evaluation.t_s),
+        "frames": len(frames),
+        "frame_log_sha256": outcome.log.sha256(),
+        "deterministic": outcome.deterministic,
+        "bus_load": _bus_load(outcome, simulated_s),
+        "lost_frames": outcome.lost_frames + sum(_counts(outcome, LOST_BY).values()),
+        "lost_frames_by_cause": {"slow observers": outcome.lost_frames, **_counts(outcome, LOST_BY)},
+        "deadline_misses": sum(_counts(outcome, MISSED_BY).values()),
+        "deadline_misses_by_cause": _counts(outcome, MISSED_BY),
+        "saturations": sum(_saturations(outcome).values()),
+        "saturations_by_signal": {name: count for name, count in _saturations(outcome).items() if count},
+        "faults": faults(outcome),
+        **({} if evaluation is None else deviations(evaluation)),
+        "processes": {name: report["process"] for name, report in outcome.reports.items() if "process" in report},
+        "platform": f"Python {platform.python_version()}, {' '.join(platform.libc_ver())}, {platform.machine()}",
+    }
+
+
+def deviations(evaluation: Evaluation) -> dict[str, Any]:
+    """Return the deviations in joint and task space."""
+    final = evaluation.deviation[evaluation.final_rows]
+    speed = np.sqrt(np.sum(evaluation.v_cmd**2, axis=1))
+    return {
+        "max_deviation_rad": _largest(evaluation.deviation),
+        "final_deviation_rad": np.sqrt(np.mean(final**2, axis=0)).tolist(),
+        "peak_command_speed_m_s": float(np.max(speed)),
+        "max_velocity_deviation_m_s": _largest(evaluation.v_cmd - evaluation.v),
+        "max_position_deviation_m": _largest(evaluation.x_cmd - evaluation.x),
+    }
+
+
+def faults(outcome: Outcome) -> list[dict[str, Any]]:
+    """Return why the emulated system stopped itself; nothing after a good run."""
+    found = []
+    for end_ns, identifier, data, sender in outcome.log.frames:
+        if identifier == STOP_IDENTIFIER and data[0] != 0:
+            report = outcome.reports.get(sender, {})
+            reason = STOP_REASONS.get(data[0], f"reason {data[0]}")
+            cause = report.get("fault") or ""
+            found.append({"time_s": end_ns * 1e-9, "node": sender, "reason": reason, "cause": cause})
+    if not outcome.log.frames:
+        dsp = outcome.reports["dsp"]
+        found.append({"time_s": 0.0, "node": "dsp", "reason": "set-up failed", "cause": dsp["fault"]})
+    return found
+
+
+def _largest(values: Array) -> list[float]:
+    largest: list[float] = np.max(np.abs(values), axis=0).tolist()
+    return largest
+
+
+def _bus_load(outcome: Outcome, simulated_s: float) -> float | None:
+    """Return the share of time that frames and intermissions take; None where they take none."""
+    if outcome.scenario.bus.fidelity == "functional" or simulated_s == 0.0:
+        return None
+    return outcome.bits_on_wire * outcome.scenario.bit_ns * 1e-9 / simulated_s
+
+
+def _counts(outcome: Outcome, causes: Iterable[str]) -> dict[str, int]:
+    """Return each node's counter of each cause."""
+    found = {}
+    for name, report in outcome.reports.items():
+        for cause in causes:
+            count = report.get(cause, 0)
+            found[f"{name} {cause}"] = sum(count.values()) if isinstance(count, dict) else count
+    return {name: count for name, count in found.items() if count}
+
+
+def _saturations(outcome: Outcome) -> dict[str, int]:
+    """Return the saturations of every named signal."""
+    return {
+        f"{node} {signal}": count
+        for node, report in outcome.reports.items()
+        for signal, count in report.get("saturations", {}).items()
+    }
