@@ -29,21 +29,24 @@ def _random_arm(joints: int, seed: int) -> ArmParameters:
 
 def _mjcf(arm: ArmParameters, payload_kg: float, step_s: float) -> str:
     # only the inertia about z counts in the plane; a point mass needs some inertia of its own to be accepted
-    tip = f'<body pos="{arm.length_m[-1]!r} 0 0"><inertial pos="0 0 0" mass="{payload_kg!r}" diaginertia="1e-15 1e-15 1e-15"/></body>'
-    bodies = tip if payload_kg else ""
+    point = f'<inertial pos="0 0 0" mass="{payload_kg!r}" diaginertia="1e-15 1e-15 1e-15"/>'
+    bodies = f'<body pos="{arm.length_m[-1]!r} 0 0">{point}</body>' if payload_kg else ""
     for j in reversed(range(arm.joints)):
         length, mass = arm.length_m[j], arm.mass_kg[j]
         moment = mass * length**2 / 12
+        rotor, viscosity = arm.rotor_inertia_kgm2[j], arm.viscosity_Nms[j]
         start = arm.length_m[j - 1] if j else 0.0
         bodies = f"""<body pos="{start!r} 0 0">
-            <joint type="hinge" axis="0 0 1" armature="{arm.rotor_inertia_kgm2[j]!r}" damping="{arm.viscosity_Nms[j]!r}"/>
+            <joint type="hinge" axis="0 0 1" armature="{rotor!r}" damping="{viscosity!r}"/>
             <inertial pos="{length / 2!r} 0 0" mass="{mass!r}" diaginertia="{moment!r} {moment!r} {moment!r}"/>
             {bodies}</body>"""
     return f"""<mujoco><option gravity="0 {-arm.gravity_m_s2!r} 0" integrator="RK4" timestep="{step_s!r}"/>
         <worldbody>{bodies}</worldbody></mujoco>"""
 
 
-def _mujoco_arm(arm: ArmParameters, payload_kg: float = 0.0, step_s: float = 1e-3) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def _mujoco_arm(
+    arm: ArmParameters, payload_kg: float = 0.0, step_s: float = 1e-3
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = mujoco.MjModel.from_xml_string(_mjcf(arm, payload_kg, step_s))
     return model, mujoco.MjData(model)
 

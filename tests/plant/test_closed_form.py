@@ -17,9 +17,7 @@ STATES = 200
 def states(joints, seed=7):
     draw = Random(seed)
     for _ in range(STATES):
-        yield tuple(
-            tuple(draw.uniform(-reach, reach) for _ in range(joints)) for reach in (np.pi, 5.0, 20.0)
-        )
+        yield tuple(tuple(draw.uniform(-reach, reach) for _ in range(joints)) for reach in (np.pi, 5.0, 20.0))
 
 
 def off(got, expected):

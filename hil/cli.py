@@ -1,0 +1,163 @@
+"""The command line: `hil run`, `hil scenarios`, `hil bus`, `hil node`.
+
+Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
+extra, 130 Ctrl-C, 143 SIGTERM.
+"""
+
+import functools
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, NoReturn, ParamSpec
+
+import typer
+
+from hil.errors import ChannelError, FaultError, HilError
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+
+P = ParamSpec("P")
+
+INTERRUPTED, TERMINATED = 130, 143
+
+ScenarioName = Annotated[str, typer.Argument(help="A built-in scenario's name, or a .toml file.")]
+Settings = Annotated[list[str], typer.Option("--set", metavar="PATH=VALUE", help="Set one value of the scenario.")]
+ChannelName = Annotated[str, typer.Option("--channel", "-c", help="Name of the bus.")]
+
+
+def reported(command: Callable[P, None]) -> Callable[P, None]:
+    """Turn an error of ours into its message and its family's exit code."""
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        signal.signal(signal.SIGTERM, _terminate)
+        try:
+            command(*args, **kwargs)
+            sys.stdout.flush()
+        except HilError as error:
+            _complain(str(error), error.exit_code)
+        except KeyboardInterrupt:
+            _complain("interrupted: everything was ended", INTERRUPTED)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(1) from None
+
+    return run
+
+
+def _complain(text: str, exit_code: int) -> NoReturn:
+    print(f"hil: {text}", file=sys.stderr)
+    raise typer.Exit(exit_code) from None
+
+
+def _terminate(_signal: int, _frame: Any) -> NoReturn:
+    raise SystemExit(TERMINATED)
+
+
+def _age_s() -> float:
+    """Return the wall time since this process started."""
+    try:
+        started_ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - started_ticks / os.sysconf("SC_CLK_TCK")
+    except (OSError, AttributeError):
+        return time.perf_counter() - _IMPORTED
+
+
+_IMPORTED = time.perf_counter()
+
+
+@app.command()
+@reported
+def run(
+    scenario: ScenarioName = "paper-joint",
+    inline: Annotated[bool, typer.Option("--inline", help="All nodes and the wire in one process.")] = False,
+    settings: Settings = [],  # noqa: B006 (typer reads the default, nobody writes it)
+    out: Annotated[Path | None, typer.Option(help="Run folder; default: runs/SCENARIO-DATE-TIME.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON; no folder without --out.")] = False,
+    channel: Annotated[str | None, typer.Option("--channel", "-c", help="Name of the bus, for observers.")] = None,
+    patience: Annotated[float, typer.Option(min=0.5, help="Seconds to wait for a node that does not answer.")] = 20.0,
+) -> None:
+    """Run an experiment: every node a process, over CAN in virtual time."""
+    from hil import experiment, record, scenario_file, show
+    from hil.processes import run_processes
+    from hil.rig import run_inline
+
+    chosen = scenario_file.load(scenario, settings)
+    if out is None and not as_json:
+        out = Path("runs") / f"{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}"
+    if out is not None:
+        record.check_new(out)
+    age_s = _age_s()
+    with show.progress(f"{chosen.name}", quiet=as_json) as (step, notice):
+        if inline:
+            outcome = run_inline(chosen, step)
+        else:
+            outcome = run_processes(chosen, channel or f"run-{os.getpid()}", step, notice, patience)
+    result = experiment.examine(outcome, age_s + outcome.setup_wall_s)
+    if out is not None:
+        experiment.write(result, out)
+    print(json.dumps(result.summary, allow_nan=False)) if as_json else show.result(result, out)
+    for fault in result.summary["faults"]:
+        raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['reason']} ({fault['cause']})")
+
+
+@app.command()
+@reported
+def scenarios() -> None:
+    """List the built-in scenarios."""
+    from hil import scenario_file
+
+    for name in scenario_file.builtin_names():
+        print(f"{name:14}{scenario_file.load(name).title}")
+
+
+@app.command()
+@reported
+def bus(
+    channel: Annotated[str, typer.Argument(help="Name of the bus.")] = "arm",
+    expect: Annotated[str, typer.Option(help="Timed clients to wait for: plant,dsp,joint1,...")] = "",
+    bitrate: Annotated[int, typer.Option(min=10_000, max=1_000_000, help="Bits per second.")] = 1_000_000,
+    fidelity: Annotated[str, typer.Option(help="bits or functional.")] = "bits",
+) -> None:
+    """Serve the wire until Ctrl-C."""
+    from hil.bus import serve
+
+    if fidelity not in ("bits", "functional"):
+        raise ChannelError(f"--fidelity {fidelity!r}: take bits or functional")
+    if 1_000_000_000 % bitrate:
+        raise ChannelError(f"--bitrate {bitrate}: a bit is no whole number of ns; take 1000000, 500000 or 250000")
+    names = [name.strip() for name in expect.split(",") if name.strip()]
+    serve(channel, names, 1_000_000_000 // bitrate, fidelity == "functional", lambda text: print(text, flush=True))
+
+
+@app.command()
+@reported
+def node(
+    role: Annotated[str, typer.Argument(help="plant, dsp or joint.")],
+    number: Annotated[int | None, typer.Argument(help="Which joint, from 1.", metavar="N")] = None,
+    interface: Annotated[str, typer.Option("--interface", "-i", help="python-can interface.")] = "hil",
+    channel: ChannelName = "arm",
+    scenario: Annotated[str, typer.Option("--scenario", help="Built-in scenario or .toml file.")] = "paper-joint",
+    settings: Settings = [],  # noqa: B006 (as above)
+) -> None:
+    """Play one participant, in its own terminal, until the run ends."""
+    from hil import scenario_file
+    from hil.node_process import run_node
+
+    if interface != "hil":
+        raise ChannelError(f"interface {interface!r}: only 'hil' has the virtual time that this version's nodes need")
+    name = role if number is None else f"{role}{number}"
+    chosen = scenario_file.load(scenario, settings)
+    print(f"{name} of {chosen.name} on channel {channel}", flush=True)
+    report = run_node(chosen, name, channel)
+    print(f"{name}: the run is over; " + ", ".join(f"{k} {v}" for k, v in report.items() if k not in ("rows", "columns")))
+
+
+def main() -> None:
+    """Be the command `hil`."""
+    app()

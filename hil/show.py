@@ -1,0 +1,92 @@
+"""What a person sees of a run: its progress on stderr, its result as a table on stdout."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from hil.experiment import Result
+
+Step = Callable[[float], None]
+Notice = Callable[[str], None]
+
+
+@contextmanager
+def progress(title: str, quiet: bool) -> Iterator[tuple[Step, Notice]]:
+    """Give (what takes the share done, what takes a notice); on stderr, and only if somebody watches."""
+    console = Console(stderr=True, quiet=quiet and not sys.stderr.isatty())
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+        task = bar.add_task(f"{title}: starting", total=1.0)
+
+        def step(share: float) -> None:
+            bar.update(task, completed=share, description=title)
+
+        yield step, lambda text: console.print(f"hil: {text}")
+
+
+def result(found: Result, folder: Path | None) -> None:
+    """Print the result."""
+    console = Console()
+    summary = found.summary
+    console.print(_headline(summary))
+    if found.evaluation is not None:
+        console.print(_joints(summary))
+        console.print(_task(summary))
+    for key in ("lost_frames", "deadline_misses", "saturations"):
+        if summary[key]:
+            console.print(f"{key.replace('_', ' ')}: {summary[key]} {summary.get(key + '_by_cause', '')}")
+    if folder is not None:
+        console.print(f"run folder: {folder}", soft_wrap=True)
+
+
+def _headline(summary: dict[str, Any]) -> str:
+    load = "" if summary["bus_load"] is None else f", bus load {summary['bus_load']:.1%}"
+    speed = summary["simulated_s"] / summary["wall_s"]
+    return (
+        f"{summary['scenario']} ({summary['mode']}, {summary['fidelity']}): {summary['simulated_s']:.3f} s in "
+        f"{summary['wall_s']:.2f} s ({speed:.1f} x real time), started in {summary['startup_s']:.2f} s\n"
+        f"{summary['cycles']} cycles, {summary['frames']} frames{load}, lost {summary['lost_frames']}, "
+        f"deadline misses {summary['deadline_misses']}, saturations {summary['saturations']}\n"
+        f"frame log sha256 {summary['frame_log_sha256']}"
+    )
+
+
+def _columns(summary: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Return the runs to show beside each other, the one asked for first."""
+    runs = [summary] + ([summary["counterpart"]] if "counterpart" in summary else [])
+    return [("observer on" if run["observer"] else "observer off", run) for run in runs]
+
+
+def _joints(summary: dict[str, Any]) -> Table:
+    table = Table(title="joint deviation, urad")
+    table.add_column("joint")
+    for title, _ in _columns(summary):
+        table.add_column(f"{title}\nlargest", justify="right")
+        table.add_column("\nfinal (rms)", justify="right")
+    for n in range(len(summary["max_deviation_rad"])):
+        cells = [
+            f"{run[key][n] * 1e6:.1f}" for _, run in _columns(summary) for key in ("max_deviation_rad", "final_deviation_rad")
+        ]
+        table.add_row(str(n + 1), *cells)
+    return table
+
+
+def _task(summary: dict[str, Any]) -> Table:
+    table = Table(title=f"tip deviation (peak command speed {summary['peak_command_speed_m_s'] * 100:.1f} cm/s)")
+    table.add_column("axis")
+    for title, _ in _columns(summary):
+        table.add_column(f"{title}\nvelocity, cm/s", justify="right")
+        table.add_column("\nposition, mm", justify="right")
+    for k, axis in enumerate("xy"):
+        cells = []
+        for _, run in _columns(summary):
+            cells.append(f"{run['max_velocity_deviation_m_s'][k] * 100:.2f}")
+            cells.append(f"{run['max_position_deviation_m'][k] * 1000:.3f}")
+        table.add_row(axis, *cells)
+    return table
