@@ -12,8 +12,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,7 @@ def run_processes(
     build_nodes(scenario)
     listener = Listener(channel)
     try:
-        with tempfile.TemporaryDirectory(prefix="hil-") as folder, one_cpu():
+        with tempfile.TemporaryDirectory(prefix="hil-") as folder:
             nodes = Processes(scenario, channel, Path(folder))
             try:
                 return _run(scenario, listener, nodes, progress, _watchdog(notice, patience_s), began)
@@ -72,7 +72,7 @@ def _run(
     reason = "the rig gave up"
     try:
         _gather(server, nodes)
-        with nodes.named():
+        with nodes.named(), one_cpu([0, *nodes.pids()]):
             server.start()
             wall_s, setup_wall_s, bits = carry_through(scenario, kernel, server.run, progress, began)
         reason = "the run is over"
@@ -118,13 +118,15 @@ def _watchdog(notice: Notice, patience_s: float) -> Callable[[str, float], None]
 
 
 @contextmanager
-def one_cpu() -> Iterator[None]:
-    """Keep this process, and those it starts meanwhile, on one CPU, where the system can."""
+def one_cpu(pids: Sequence[int]) -> Iterator[None]:
+    """Keep these processes (0: this one) on one CPU meanwhile, where the system can; a process that is gone stays gone."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return
     before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(before)})
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.sched_setaffinity(pid, {max(before)})
     try:
         yield
     finally:
@@ -149,6 +151,10 @@ class Processes:
             return subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=stderr, stderr=stderr, start_new_session=True
             )
+
+    def pids(self) -> list[int]:
+        """Return the process ids."""
+        return [process.pid for process in self.processes.values()]
 
     def _report(self, name: str) -> Path:
         return self.folder / f"{name}.json"

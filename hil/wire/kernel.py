@@ -62,7 +62,7 @@ def arbitration_key(identifier: int) -> int:
 class Port:
     """One participant as the kernel keeps it."""
 
-    __slots__ = ("busy_until_ns", "inbox", "order", "participant", "queue", "timer_ns")
+    __slots__ = ("busy_until_ns", "inbox", "order", "participant", "timer_ns")
 
     def __init__(self, participant: Participant, order: int) -> None:
         self.participant = participant
@@ -70,7 +70,6 @@ class Port:
         self.timer_ns: int | None = None
         self.busy_until_ns = -(1 << 63)
         self.inbox: deque[tuple[Arrival, bool]] = deque()
-        self.queue: list[tuple[int, int, int, int, bytes]] = []
 
     def take(self) -> list[Arrival]:
         """Take the stored frames that lie before the next waking one."""
@@ -93,8 +92,10 @@ class Kernel:
         self.bits_on_wire = 0
         self.wakes = 0
         self._agenda: list[tuple[int, int, int, int, Callable[[Any], None], Any]] = []
+        self._pending: list[tuple[int, int, int, int, bytes]] = []
         self._sequence = 0
         self._idle = True
+        self._free_from_ns = start_ns
         self._routes: dict[int, list[tuple[Port, bool]]] = {}
 
     def join(self, participant: Participant) -> Port:
@@ -148,12 +149,13 @@ class Kernel:
     def _react(self, port: Port, reaction: Reaction) -> None:
         busy_ns, timer_ns, sends = reaction
         now_ns = self.now_ns
-        if self.functional:
-            for _, identifier, data in sends:
-                self._at(now_ns, QUEUE, port, self._queue, (port, identifier, data))
-        else:
+        functional = self.functional
+        if not functional:
             port.busy_until_ns = now_ns + busy_ns
-            for delay_ns, identifier, data in sends:
+        for delay_ns, identifier, data in sends:
+            if delay_ns == 0 or functional:
+                self._queue((port, identifier, data))
+            else:
                 self._at(now_ns + delay_ns, QUEUE, port, self._queue, (port, identifier, data))
         if timer_ns != port.timer_ns:
             port.timer_ns = timer_ns
@@ -192,27 +194,24 @@ class Kernel:
     # -- the bus --
 
     def _queue(self, entry: tuple[Port, int, bytes]) -> None:
+        """Let a frame enter arbitration, at the earliest when all of this instant are queued."""
         port, identifier, data = entry
         self._sequence += 1
-        heappush(port.queue, (arbitration_key(identifier), port.order, self._sequence, identifier, data))
+        key = identifier << 21 if identifier <= STANDARD_MASK else arbitration_key(identifier)
+        heappush(self._pending, (key, port.order, self._sequence, identifier, data))
         if self._idle:
             self._idle = False
-            self._at(self.now_ns, ARBITRATE, None, self._arbitrate, None)
+            self._at(max(self.now_ns, self._free_from_ns), ARBITRATE, None, self._arbitrate, None)
 
     def _arbitrate(self, _: None) -> None:
-        """Start the frame that wins; each port enters with the head of its queue."""
-        heads = [port.queue[0] for port in self.ports if port.queue]
-        if not heads:
-            self._idle = True
-            return
-        _, order, _, identifier, data = min(heads)
-        port = self.ports[order]
-        heappop(port.queue)
+        """Start the frame that wins."""
+        _, order, _, identifier, data = heappop(self._pending)
         end_ns = self.now_ns
         if not self.functional:
             bits = self._bits(identifier, data)
             self.bits_on_wire += bits + INTERMISSION_BITS
             end_ns += bits * self.bit_ns
+        port = self.ports[order]
         self._at(end_ns, DELIVER, port, self._deliver, (port, identifier, data))
 
     @staticmethod
@@ -235,7 +234,11 @@ class Kernel:
                     self._at(max(now_ns, port.busy_until_ns), WAKE, port, self._frame_due, port)
         for watcher in self.watchers:
             watcher(now_ns, identifier, data, sender.participant.name)
-        self._at(now_ns + INTERMISSION_BITS * self.bit_ns, ARBITRATE, None, self._arbitrate, None)
+        self._free_from_ns = now_ns + INTERMISSION_BITS * self.bit_ns
+        if self._pending:
+            self._at(self._free_from_ns, ARBITRATE, None, self._arbitrate, None)
+        else:
+            self._idle = True
 
     def _route(self, identifier: int) -> list[tuple[Port, bool]]:
         """Find who accepts an identifier, and whether it wakes them; found once, kept."""
