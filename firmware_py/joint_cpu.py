@@ -10,7 +10,7 @@ INIT, READY, RUN, FAULT = 0, 1, 2, 3
 STATES = ("init", "ready", "run", "fault")
 NO_FAULT, ENCODER_LOST, REFERENCE_LOST, PARAMETERS, STOPPED = 0, 1, 2, 3, 4
 FAULTS = ("none", "encoder lost", "reference lost", "parameters", "stopped")
-STOP_JOINT_FAULT = 2
+STOP_END, STOP_JOINT_FAULT = 0, 2
 MISSES_TO_FAULT = 3
 
 # The order of the parameter table; the last index carries the CRC-16 of those before it.
@@ -109,8 +109,7 @@ class JointCPU:
     def on_frame(self, identifier, data, now_ns):
         """Answer an Encoder frame with the current reference of the same cycle."""
         if identifier == self.stop.identifier:
-            self.finished = True
-            return self._halt(STOPPED)
+            return self._stop(data)
         fields = self.encoder.unpack(data)
         if fields is None:
             self.crc_errors += 1
@@ -131,7 +130,8 @@ class JointCPU:
 
     def on_timer(self, _now_ns):
         """Three Encoder frames in a row are missing."""
-        return self._halt(ENCODER_LOST)
+        self._enter_fault(ENCODER_LOST)
+        return 0, None, [self._no_current(), (0, self.stop.identifier, self.stop.pack(STOP_JOINT_FAULT))]
 
     # -- the law --
 
@@ -156,10 +156,9 @@ class JointCPU:
         One missing: half the difference stands for each period. Two: the speed is taken to have stayed (a third is no
         shift). No addition of the step is touched; count_prev is.
         """
+        w = self.w_prev
         if missed == 1:
             w = self.words.shift_right(self.words.wrap(W, count - self.count_prev), 1)
-        else:
-            w = self.w_prev
         self.count_prev = count - w
 
     # -- the state machine --
@@ -216,13 +215,18 @@ class JointCPU:
         self.timer_ns = None
         self.i = 0
 
-    def _halt(self, fault):
-        """Zero current at once, and the brake (the plant's, by Stop)."""
-        self._enter_fault(fault)
-        sends = [(0, self.current.identifier, self.current.pack(0, 0, self.cycle))]
-        if fault != STOPPED:
-            sends.append((0, self.stop.identifier, self.stop.pack(STOP_JOINT_FAULT)))
-        return 0, None, sends
+    def _stop(self, data):
+        """Give no current from now on; to run again takes a new set-up. A fault stays what it is."""
+        self.finished = True
+        if self.state != FAULT:
+            self.state = INIT
+            self.fault = NO_FAULT if data == self.stop.pack(STOP_END) else STOPPED
+        self.timer_ns = None
+        self.i = 0
+        return 0, None, [self._no_current()]
+
+    def _no_current(self):
+        return 0, self.current.identifier, self.current.pack(0, 0, self.cycle)
 
     # -- parameters over CAN --
 
@@ -263,14 +267,19 @@ class JointCPU:
 
     def _status(self, now_ns):
         return self.status.sends(
-            now_ns, self.state, self.fault, sum(self.words.saturations), self.strikes, self.missed_encoders, self.version
+            now_ns,
+            self.state,
+            self.fault,
+            sum(self.words.saturations),
+            self.strikes,
+            self.missed_encoders,
+            self.version,
         )
 
     def report(self):
         """Counters of the emulated system, by cause."""
         return {
-            "state": STATES[self.state],
-            "fault": FAULTS[self.fault],
+            "fault": FAULTS[self.fault] if self.fault else "",
             "crc_errors": self.crc_errors,
             "strikes": self.strikes,
             "missed_encoders": self.missed_encoders,

@@ -20,8 +20,8 @@ class Words:
         self.saturations = [0] * signals
         self._bind()
 
-    def _bind(self):
-        """Make each operation a closure over plain ints: a third cheaper than attributes, and what Numba takes."""
+    def _bind(self):  # noqa: C901 (a list of one-line operations)
+        """Make each operation a closure over plain ints, which is what Numba takes."""
         bits, low, high = self.bits, self.low_word, self.high_word
         mask = (1 << bits) - 1
         low_double, high_double = -(1 << (2 * bits - 1)), (1 << (2 * bits - 1)) - 1

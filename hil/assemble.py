@@ -164,9 +164,7 @@ def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
     words = Words(16, len(SIGNALS))
     status = _status(scenario, codec, number)
     reference = ("AccelRef", number - 1)
-    node: Node = cpu(
-        number, words, codec, crc16, status, reference, scenario.period_ns, scenario.compute_ns(number)
-    )
+    node: Node = cpu(number, words, codec, crc16, status, reference, scenario.period_ns, scenario.compute_ns(number))
     return node
 
 

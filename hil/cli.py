@@ -78,7 +78,9 @@ def run(
     inline: Annotated[bool, typer.Option("--inline", help="All nodes and the wire in one process.")] = False,
     settings: Settings = [],  # noqa: B006 (typer reads the default, nobody writes it)
     out: Annotated[Path | None, typer.Option(help="Run folder; default: runs/SCENARIO-DATE-TIME.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON; no folder without --out.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the summary as JSON; no folder without --out.")
+    ] = False,
     channel: Annotated[str | None, typer.Option("--channel", "-c", help="Name of the bus, for observers.")] = None,
     patience: Annotated[float, typer.Option(min=0.5, help="Seconds to wait for a node that does not answer.")] = 20.0,
 ) -> None:
@@ -103,7 +105,9 @@ def run(
         experiment.write(result, out)
     print(json.dumps(result.summary, allow_nan=False)) if as_json else show.result(result, out)
     for fault in result.summary["faults"]:
-        raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['reason']} ({fault['cause']})")
+        raise FaultError(
+            f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['reason']} ({fault['cause']})"
+        )
 
 
 @app.command()
@@ -132,7 +136,10 @@ def bus(
     if 1_000_000_000 % bitrate:
         raise ChannelError(f"--bitrate {bitrate}: a bit is no whole number of ns; take 1000000, 500000 or 250000")
     names = [name.strip() for name in expect.split(",") if name.strip()]
-    serve(channel, names, 1_000_000_000 // bitrate, fidelity == "functional", lambda text: print(text, flush=True))
+    try:
+        serve(channel, names, 1_000_000_000 // bitrate, fidelity == "functional", _say)
+    except KeyboardInterrupt:
+        _say(f"bus {channel!r}: ended")
 
 
 @app.command()
@@ -146,7 +153,7 @@ def node(
     settings: Settings = [],  # noqa: B006 (as above)
 ) -> None:
     """Play one participant, in its own terminal, until the run ends."""
-    from hil import scenario_file
+    from hil import scenario_file, show
     from hil.node_process import run_node
 
     if interface != "hil":
@@ -155,7 +162,11 @@ def node(
     chosen = scenario_file.load(scenario, settings)
     print(f"{name} of {chosen.name} on channel {channel}", flush=True)
     report = run_node(chosen, name, channel)
-    print(f"{name}: the run is over; " + ", ".join(f"{k} {v}" for k, v in report.items() if k not in ("rows", "columns")))
+    print(f"{name}: the run is over; {show.counters(report)}")
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
 
 
 def main() -> None:

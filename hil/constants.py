@@ -71,7 +71,7 @@ def worst_case_ends_ns(scenario: Scenario) -> dict[str, int]:
 
 
 def action_delays_ns(scenario: Scenario) -> tuple[int, ...]:
-    """Return when the current of each joint acts after its cycle's start: 0 in `bits`, where its frame's end says it."""
+    """Return when each joint's current acts after its cycle's start; 0 in `bits`, where its frame's end says it."""
     if scenario.bus.fidelity == "bits":
         return (0,) * scenario.joints
     if scenario.bus.action_delay_s is not None:

@@ -30,8 +30,8 @@ FINAL_S = 0.1
 class Evaluation:
     """The signals of one run, one row a cycle.
 
-    q_cmd, w_cmd: joint commands; q, w: truth; x, v: tip (x, y) of both; a_ref, i_ref, estimate: what was on the bus (NaN
-    where a frame is missing); disturbance: the terms of (4), N m; current: A.
+    q_cmd, w_cmd: joint commands; q, w: truth; x, v: tip (x, y) of both; a_ref, i_ref, estimate: what was on the bus
+    (NaN where a frame is missing); disturbance: the terms of (4), N m; current: A.
     """
 
     scenario: Scenario
@@ -74,7 +74,7 @@ def evaluate(outcome: Outcome) -> Evaluation | None:
     bus = _from_bus(outcome.log.frames, codec, scenario.joints, cycles, scenario.period_ns)
     return Evaluation(
         scenario=scenario,
-        t_s=np.arange(cycles) * scenario.clock.period_s,
+        t_s=np.arange(cycles, dtype=np.float64) * scenario.clock.period_s,
         q_cmd=q_cmd,
         w_cmd=w_cmd,
         q=q,

@@ -6,7 +6,6 @@ Ref: the paper's eqs. (3)-(4), figs. 15 and 16.
 """
 
 import textwrap
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,45 +19,38 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Style = dict[str, Any]
-Draw = Callable[["Figure", Evaluation, Evaluation], str]
 
-WIDTH_IN = 7.2
-"""Text width of an A4 page."""
-
-RC: Style = {
-    "font.size": 9.0,
-    "axes.titlesize": 9.0,
-    "axes.titlelocation": "left",
-    "axes.linewidth": 0.6,
-    "axes.formatter.useoffset": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.xmargin": 0.0,
-    "legend.frameon": False,
-    "lines.solid_capstyle": "butt",
-    "svg.fonttype": "none",  # text stays text: to be found, and small
-    "svg.hashsalt": "hil",
+WIDTH_IN = 7.2  # text width of an A4 page
+RC: dict[Any, Style] = {
+    "agg.path": {"chunksize": 20_000},  # long noisy runs otherwise exceed what Agg can hold
+    "axes": {"titlesize": 9.0, "titlelocation": "left", "linewidth": 0.6, "axisbelow": True, "xmargin": 0.0},
+    "axes.spines": {"top": False, "right": False},
+    "font": {"size": 9.0},
+    "svg": {"fonttype": "none", "hashsalt": "hil"},  # text stays text: to be found, and small
 }
 
+WITH: Style = {"label": "with observer", "color": "#0072B2", "linewidth": 1.4, "zorder": 3}
+WITHOUT: Style = {"label": "without observer", "color": "#D55E00", "linewidth": 1.4, "zorder": 2.5}
+WIDE, FINE = {"linewidth": 2.4}, {"linewidth": 0.6, "zorder": 2.2}
 COMMAND: Style = {"label": "command", "color": "black", "linestyle": "--", "linewidth": 0.9, "zorder": 4}
-WITH: Style = {"label": "with observer", "color": "#0072B2", "linewidth": 1.5, "zorder": 3}
-WITHOUT: Style = {"label": "without observer", "color": "#D55E00", "linewidth": 1.5, "zorder": 2}
-RESPONSE: Style = WITH | {"label": "response, with observer"}
-TRUE: Style = {"label": "true sum of the terms", "color": "#999999", "linewidth": 2.4, "zorder": 2}
-ESTIMATE: Style = WITH | {"label": "estimate", "linewidth": 0.9}
-LOAD: Style = {"color": "#CC79A7", "linestyle": "-.", "linewidth": 1.1, "zorder": 1}
+ESTIMATE: Style = {"label": "estimate", "color": "#56B4E9", "linewidth": 2.0}
+TRUE: Style = {"label": "true sum of the terms", "color": "black", "linewidth": 0.7, "zorder": 3}
 FINAL: Style = {"label": "last 100 ms (final)", "color": "#F0E442", "alpha": 0.5, "linewidth": 0.0, "zorder": 0}
+LOAD: Style = {"color": "0.3", "linestyle": "-.", "linewidth": 0.9, "zorder": 1}
+ZERO: Style = {"color": "black", "linewidth": 0.6, "zorder": 1}
+GRID: Style = {"color": "0.85", "linewidth": 0.5, "zorder": 0.5}
 
 TERMS: dict[str, Style] = {
-    "inertia_variation": {"label": "inertia variation", "color": "#0072B2"},
+    "inertia_variation": {"label": "inertia variation", "color": "#CC79A7", "linewidth": 0.8},
     "coriolis": {"label": "Coriolis, centrifugal", "color": "#E69F00"},
     "gravity": {"label": "gravity", "color": "#009E73"},
-    "viscous": {"label": "viscous", "color": "#56B4E9", "linestyle": (0, (4, 1))},
-    "friction": {"label": "friction", "color": "#D55E00", "linestyle": (0, (6, 1, 1, 1))},
-    "reaction": {"label": "reaction", "color": "#CC79A7", "linestyle": (0, (2, 1))},
-    "ripple": {"label": "torque ripple", "color": "black", "linewidth": 0.6},
+    "viscous": {"label": "viscous", "color": "#0072B2", "linestyle": (0, (5, 1))},
+    "friction": {"label": "friction", "color": "#D55E00"},
+    "reaction": {"label": "reaction", "color": "black", "linestyle": (0, (2, 1))},
+    "ripple": {"label": "torque ripple", "color": "0.5", "linewidth": 0.8},
 }
 IF_NONZERO = ("reaction", "ripple")
+DIVISIONS_S = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
 def write_figures(folder: Path, with_observer: Evaluation, without_observer: Evaluation) -> list[Path]:
@@ -67,13 +59,12 @@ def write_figures(folder: Path, with_observer: Evaluation, without_observer: Eva
         import matplotlib
         from matplotlib.figure import Figure
     except ImportError:
-        raise MissingExtraError(
-            "figures are drawn by matplotlib, which is not installed: pip install 'hil[report]'"
-        ) from None
+        raise MissingExtraError("figures need matplotlib, which is not installed: pip install 'hil[report]'") from None
     paths = []
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # whatever the user's matplotlibrc says
-        matplotlib.rcParams.update(RC)
+        for group, values in RC.items():
+            matplotlib.rc(group, **values)
         for name, (draw, height_in) in FIGURES.items():
             figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
             title = f"{with_observer.scenario.name}: {draw(figure, with_observer, without_observer)}"
@@ -90,82 +81,68 @@ def _save(figure: "Figure", stem: Path, title: str) -> list[Path]:
     return [png, svg]
 
 
-# -- the four figures: each draws its panels and returns what is seen --
-
-
 def _response(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
-    panels = figure.subplots(on.scenario.joints, 2, sharex=True, squeeze=False)
+    panels = figure.subplots(on.scenario.joints, 2, sharex=True)
     for n, (angle, current) in enumerate(panels):
-        for run, style in ((off, WITHOUT), (on, WITH)):
-            _line(angle, run.t_s, run.q[:, n], style)
-            _line(current, run.t_s, run.current[:, n], style)
+        _line(angle, off.t_s, off.q[:, n], WITHOUT | WIDE)
+        _line(angle, on.t_s, on.q[:, n], WITH | WIDE)
+        _line(current, off.t_s, off.current[:, n], WITHOUT)
+        _line(current, on.t_s, on.current[:, n], WITH | FINE)
         _line(angle, on.t_s, on.q_cmd[:, n], COMMAND)
-        angle.set(title=f"joint {n + 1}", ylabel="angle, rad")
-        current.set(title=f"motor {n + 1}", ylabel="current, A")
-    return "response of every joint to its command (left) and the motor currents that it takes (right)."
+        angle.set(title=f"joint {n + 1}: angle", ylabel="angle, rad")
+        current.set(title=f"joint {n + 1}: motor current", ylabel="current, A")
+    return "the response of every joint to its command, and the motor currents that it takes."
 
 
 def _deviation(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
-    panels = figure.subplots(on.scenario.joints, 2, sharex=True, squeeze=False)
-    for column, (run, style) in enumerate(((off, WITHOUT), (on, WITH))):
-        final_s = run.t_s[run.final_rows]
-        for n, axes in enumerate(panels[:, column]):
-            deviation = run.deviation[:, n]
-            factor, unit = _angle_unit(_largest(deviation))
-            _line(axes, run.t_s, deviation * factor, style)
-            axes.axvspan(final_s[0], final_s[-1] + run.scenario.clock.period_s, **FINAL)
-            axes.axhline(0.0, color="black", linewidth=0.6)
-            final = _rms(deviation[run.final_rows])
-            axes.set_title(
-                f"({'ab'[column]}) joint {n + 1}: largest {_angle(_largest(deviation))}, final {_angle(final)}"
-            )
-            axes.set_ylabel(f"deviation, {unit}")
-    shares = [_share(_largest(on.deviation[:, n]), _largest(off.deviation[:, n])) for n in range(on.scenario.joints)]
-    seen = f"The largest deviation of (b) is {', '.join(shares)} of (a)'s; each panel has its own scale."
-    return f"joint deviation without (a) and with (b) the disturbance observer. {seen}"
+    panels = figure.subplots(on.scenario.joints, 2, sharex=True)
+    for letter, run, style, column in zip("ab", (off, on), (WITHOUT, WITH), panels.T, strict=True):
+        for n, axes in enumerate(column):
+            _joint_deviation(axes, run, run.deviation[:, n], f"({letter}) joint {n + 1}", style)
+    shares = np.max(np.abs(on.deviation), axis=0) / np.maximum(np.max(np.abs(off.deviation), axis=0), 1e-12)
+    seen = f"The largest of (b) is {', '.join(f'{share:.2g}' for share in shares * 100.0)} % of that of (a)"
+    return f"joint deviation (a) without and (b) with the disturbance observer. {seen}; every panel has its own scale."
 
 
 def _task_space(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
     panels = figure.subplots(4, 2, sharex=True, height_ratios=(3, 3, 2, 2))
-    for k, axis in enumerate("xy"):
-        x, v, v_deviation, x_deviation = panels[:, k]
+    for k, (x, v, v_deviation, x_deviation) in enumerate(panels.T):
         for axes, command, response in ((x, on.x_cmd, on.x), (v, on.v_cmd, on.v)):
-            _line(axes, on.t_s, response[:, k] * 100.0, RESPONSE)
+            _line(axes, on.t_s, response[:, k] * 100.0, WITH | WIDE)
             _line(axes, on.t_s, command[:, k] * 100.0, COMMAND)
-        x.set(title=f"tip position {axis}", ylabel=f"{axis}, cm")
-        v.set(title=f"tip velocity {axis}", ylabel="velocity, cm/s")
-        _tip_deviation(v_deviation, on.t_s, on.v_cmd[:, k] - on.v[:, k], off.v_cmd[:, k] - off.v[:, k], 100.0, "cm/s")
-        _tip_deviation(x_deviation, on.t_s, on.x_cmd[:, k] - on.x[:, k], off.x_cmd[:, k] - off.x[:, k], 1000.0, "mm")
-        v_deviation.set_ylabel("velocity\ndeviation, cm/s")
-        x_deviation.set_ylabel("position\ndeviation, mm")
-    return "the tip follows its command with the observer; below, what remains in velocity and in position."
+        x.set(title=f"tip position {'xy'[k]}", ylabel="position, cm")
+        v.set(title=f"tip velocity {'xy'[k]}", ylabel="velocity, cm/s")
+        for axes, what, unit, deviation, without in (
+            (v_deviation, "velocity", "cm/s", (on.v_cmd - on.v) * 100.0, (off.v_cmd - off.v) * 100.0),
+            (x_deviation, "position", "mm", (on.x_cmd - on.x) * 1000.0, (off.x_cmd - off.x) * 1000.0),
+        ):
+            largest = f"{_largest(deviation[:, k]):.2g} ({_largest(without[:, k]):.2g})"
+            _about_zero(axes, on.t_s, deviation[:, k], WITH, f"{what} deviation, largest {largest} {unit}", unit)
+    return "the tip with the observer, and its deviation (in brackets: without the observer)."
 
 
 def _disturbance(figure: "Figure", on: Evaluation, _off: Evaluation) -> str:
-    panels = figure.subplots(on.scenario.joints, 2, sharex=True, squeeze=False)
+    panels = figure.subplots(on.scenario.joints, 2, sharex=True)
     total = on.disturbance.total()
     for n, (sums, terms) in enumerate(panels):
-        _line(sums, on.t_s, total[:, n], TRUE)
         _line(sums, on.t_s, on.estimate[:, n], ESTIMATE)
-        sums.set(title=f"joint {n + 1}: estimate over true sum", ylabel="torque, N m")
+        _line(sums, on.t_s, total[:, n], TRUE)
+        sums.set(title=f"joint {n + 1}: estimate and true sum", ylabel="torque, N m")
         for name, style in TERMS.items():
             values = getattr(on.disturbance, name)
             if name not in IF_NONZERO or np.any(values):
                 _line(terms, on.t_s, values[:, n], {"linewidth": 1.3} | style)
         terms.set(title=f"joint {n + 1}: terms of eq. (4)", ylabel="torque, N m")
-    return "disturbance torque as each joint's observer estimates it (left) and what it truly consists of (right)."
+    return "the disturbance torque as each observer estimates it, and its true terms."
 
 
-FIGURES: dict[str, tuple[Draw, float]] = {
+# what draws each figure, and its height in inches
+FIGURES = {
     "response": (_response, 6.0),
     "deviation": (_deviation, 6.2),
     "task-space": (_task_space, 8.2),
     "disturbance": (_disturbance, 6.6),
 }
-"""What draws each figure, and its height in inches."""
-
-
-# -- parts of figures --
 
 
 def _line(axes: "Axes", t_s: Array, values: Array, style: Style) -> None:
@@ -173,60 +150,56 @@ def _line(axes: "Axes", t_s: Array, values: Array, style: Style) -> None:
     axes.plot(t_s, values, marker="." if len(t_s) <= 5 else None, **style)
 
 
-def _tip_deviation(axes: "Axes", t_s: Array, on: Array, off: Array, factor: float, unit: str) -> None:
-    _line(axes, t_s, on * factor, RESPONSE)
-    axes.axhline(0.0, color="black", linewidth=0.6)
-    axes.set_title(f"largest {_largest(on) * factor:.2g} {unit} (without observer {_largest(off) * factor:.2g} {unit})")
+def _joint_deviation(axes: "Axes", run: Evaluation, deviation: Array, what: str, style: Style) -> None:
+    final_s, final = run.t_s[run.final_rows], float(np.sqrt(np.mean(deviation[run.final_rows] ** 2)))
+    factor, unit = _angle_unit(_largest(deviation))
+    axes.axvspan(final_s[0], final_s[-1] + run.scenario.clock.period_s, **FINAL)
+    title = f"{what}: largest {_angle(_largest(deviation))}, final {_angle(final)}"
+    _about_zero(axes, run.t_s, deviation * factor, style, title, unit)
+
+
+def _about_zero(axes: "Axes", t_s: Array, deviation: Array, style: Style, title: str, unit: str) -> None:
+    _line(axes, t_s, deviation, style | {"linewidth": 1.0})
+    axes.axhline(0.0, **ZERO)
+    axes.set(title=title, ylabel=f"deviation, {unit}")
 
 
 def _finish(figure: "Figure", run: Evaluation, title: str) -> None:
     """Give every panel the same time axis and marks, and the figure its title and one legend."""
-    from matplotlib.ticker import MultipleLocator
-
     duration_s = run.scenario.duration_s
-    division_s = next((d for d in (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 60.0) if duration_s / d <= 30), duration_s / 10)
+    division_s = next(division_s for division_s in DIVISIONS_S if duration_s / division_s <= 25)
+    divisions = np.arange(0.0, duration_s * (1 + 1e-9), division_s)
     for axes in figure.axes:
-        axes.set_xlim(0.0, duration_s)
-        axes.xaxis.set_major_locator(MultipleLocator(division_s * (1 if duration_s / division_s <= 6 else 5)))
-        axes.xaxis.set_minor_locator(MultipleLocator(division_s))
-        axes.grid(which="both", linewidth=0.4, color="0.85")
-        axes.tick_params(which="minor", length=0.0)
-        _mark_loads(axes, run)
+        axes.vlines(divisions, 0.0, 1.0, transform=axes.get_xaxis_transform(), **GRID)
+        axes.grid(axis="y", **GRID)
+        axes.set(xlim=(0.0, duration_s), xticks=divisions[:: 1 if len(divisions) <= 7 else 5])
     for axes in figure.axes[-2:]:
-        axes.set_xlabel(f"time, s ({division_s * 1000:g} ms a division)")
+        axes.set_xlabel(f"time, s ({division_s * 1000.0:g} ms a division)")
     figure.align_ylabels()
-    figure.suptitle(textwrap.fill(title, 104), x=0.01, ha="left", fontsize=10.0)
-    entries = {
-        label: line for axes in figure.axes for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=4)
+    figure.suptitle(textwrap.fill(title, 98), x=0.01, ha="left", fontsize=10.0)
+    _legend(figure, run)
 
 
-def _mark_loads(axes: "Axes", run: Evaluation) -> None:
+def _legend(figure: "Figure", run: Evaluation) -> None:
+    """Mark the instants at which the load changes, and name every line once."""
+    entries: dict[str, Any] = {}
+    for axes in figure.axes:
+        lines, labels = axes.get_legend_handles_labels()
+        entries |= {label: line for line, label in zip(lines, labels, strict=True) if label not in entries}
     for load in run.scenario.load:
-        label = f"{load.mass_kg:g} kg on the hand, {load.at_s:g} s to {load.until_s:g} s"
-        axes.axvline(load.at_s, label=label, **LOAD)
-        if load.until_s < run.scenario.duration_s:
-            axes.axvline(load.until_s, **LOAD)
-
-
-# -- numbers --
+        for at_s, label in ((load.at_s, f"{load.mass_kg:g} kg put on"), (load.until_s, "load taken off")):
+            if at_s < run.scenario.duration_s:
+                entries[label] = [axes.axvline(at_s, **LOAD) for axes in figure.axes][0]
+    columns = 4 if len(entries) == 4 else 3
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", frameon=False, ncols=columns)
 
 
 def _largest(values: Array) -> float:
     return float(np.max(np.abs(values)))
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _share(part: float, whole: float) -> str:
-    return f"{part / whole * 100.0:.2g} %" if whole > 0.0 else "no finite share"
-
-
 def _angle_unit(rad: float) -> tuple[float, str]:
-    """Return the factor from rad and the name of the unit that fits."""
+    """Return the factor from rad to the unit that fits, and its name."""
     if rad < 0.9995e-3:
         return 1e6, "µrad"
     return (1e3, "mrad") if rad < 0.9995 else (1.0, "rad")

@@ -22,14 +22,21 @@ SILENT: Reaction = (0, None, [])
 class Node(Protocol):
     """One participant. All times are integer nanoseconds since cycle 0."""
 
-    name: str
-    wakes_on: Collection[int]
-    """Identifiers whose arrival calls `on_frame`."""
-    stores: Collection[int]
-    """Identifiers that are handed to `store`, silently, before the next wake-up."""
+    @property
+    def name(self) -> str:
+        """How the bus knows it."""
 
-    finished: bool
-    """Whether its part in the run is over."""
+    @property
+    def wakes_on(self) -> Collection[int]:
+        """Identifiers whose arrival calls `on_frame`."""
+
+    @property
+    def stores(self) -> Collection[int]:
+        """Identifiers that are handed to `store`, silently, before the next wake-up."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether its part in the run is over."""
 
     def on_start(self, now_ns: int) -> Reaction:
         """Answer the start of time."""

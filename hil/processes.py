@@ -23,7 +23,6 @@ from hil.errors import NodeError
 from hil.rig import Outcome, Progress, Recorder, carry_through, make_kernel, no_progress
 from hil.scenario import Scenario
 from hil.wire.channel import Listener
-from hil.wire.kernel import Kernel
 from hil.wire.server import Server
 
 START_S = 30.0
@@ -119,7 +118,7 @@ def _watchdog(notice: Notice, patience_s: float) -> Callable[[str, float], None]
 
 @contextmanager
 def one_cpu(pids: Sequence[int]) -> Iterator[None]:
-    """Keep these processes (0: this one) on one CPU meanwhile, where the system can; a process that is gone stays gone."""
+    """Keep these processes (0: this one) on one CPU meanwhile, where the system can."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return

@@ -32,7 +32,9 @@ def run_folder(path: Path) -> Iterator[Path]:
             path.rmdir()
         partial.rename(path)
     except OSError as error:
-        raise OutputError(f"run folder {path}: {error.strerror or error}; nothing was kept: choose another --out") from None
+        raise OutputError(
+            f"run folder {path}: {error.strerror or error}; nothing was kept: choose another --out"
+        ) from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -58,7 +60,9 @@ def write_signals(path: Path, evaluation: Evaluation) -> None:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise MissingExtraError("signals are written by pyarrow, which is not installed: pip install 'hil[report]'") from None
+        raise MissingExtraError(
+            "signals are written by pyarrow, which is not installed: pip install 'hil[report]'"
+        ) from None
     pyarrow.parquet.write_table(pyarrow.table(signal_columns(evaluation)), path)
 
 

@@ -158,6 +158,4 @@ def _check_rates(scenario: Scenario) -> None:
                 f"clock.period_s = {clock.period_s}: it would never keep up"
             )
     if to_ns(scenario.dsp.compute_s) >= period_ns:
-        raise ScenarioError(
-            f"dsp.compute_s = {scenario.dsp.compute_s} is not below clock.period_s = {clock.period_s}"
-        )
+        raise ScenarioError(f"dsp.compute_s = {scenario.dsp.compute_s} is not below clock.period_s = {clock.period_s}")

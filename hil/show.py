@@ -45,6 +45,17 @@ def result(found: Result, folder: Path | None) -> None:
         console.print(f"run folder: {folder}", soft_wrap=True)
 
 
+def counters(report: dict[str, Any]) -> str:
+    """Return what a node counted, by cause, in a line; zeros are left out."""
+    found = []
+    for cause, count in report.items():
+        if isinstance(count, dict) and cause != "process":
+            found += [f"{cause} of {name}: {number}" for name, number in count.items() if number]
+        elif count and isinstance(count, int | str):
+            found.append(f"{cause.replace('_', ' ')}: {count}")
+    return ", ".join(found) or "nothing was lost, missed or saturated"
+
+
 def _headline(summary: dict[str, Any]) -> str:
     load = "" if summary["bus_load"] is None else f", bus load {summary['bus_load']:.1%}"
     speed = summary["simulated_s"] / summary["wall_s"]
@@ -71,7 +82,9 @@ def _joints(summary: dict[str, Any]) -> Table:
         table.add_column("\nfinal (rms)", justify="right")
     for n in range(len(summary["max_deviation_rad"])):
         cells = [
-            f"{run[key][n] * 1e6:.1f}" for _, run in _columns(summary) for key in ("max_deviation_rad", "final_deviation_rad")
+            f"{run[key][n] * 1e6:.1f}"
+            for _, run in _columns(summary)
+            for key in ("max_deviation_rad", "final_deviation_rad")
         ]
         table.add_row(str(n + 1), *cells)
     return table

@@ -108,7 +108,7 @@ class DSP:
         """Answer the last Encoder frame of the cycle with the references of all joints."""
         if identifier == self.stop.identifier:
             self.finished = True
-            self.state, self.fault = FAULT, FAULT_STOPPED
+            self.state, self.fault = INIT, FAULT_STOPPED
             return 0, None, []
         self._take_encoder(identifier, data)
         self.handled = True
@@ -187,7 +187,5 @@ class DSP:
             "crc_errors": self.crc_errors,
             "missed_encoders": self.missed_encoders,
             "repeated_parameters": self.setup.repeats,
-            "saturations": {
-                f"AccelRef joint{n}": count for n, count in enumerate(self.reference_saturations, start=1)
-            },
+            "saturations": {f"AccelRef joint{n}": count for n, count in enumerate(self.reference_saturations, start=1)},
         }

@@ -1,7 +1,7 @@
-"""Kinematics of the planar serial arm: tip (x, y, phi) in m and rad from joint angles q in rad, and back.
+"""Kinematics of the planar serial arm: tip (x, y, phi) from joint angles q, and back. Units: m, rad.
 
-q_i is relative to link i-1, theta_i = q_1 + .. + q_i from the horizontal; phi is theta_n. Task space is the square case,
-three joints.
+q_i is relative to link i-1, theta_i = q_1 + .. + q_i from the horizontal; phi is theta_n. Task space is the square
+case, three joints.
 
 Ref: the paper's eqs. (10)-(15); the inverse of the two-link arm by the law of cosines (any robotics textbook).
 Not implemented: inverse kinematics of other than three joints (redundant, or fewer than the task needs).
@@ -14,7 +14,7 @@ Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
 
 SINGULAR_SIN = 0.05
-"""|sin q2| below which the arm counts as stretched or folded: there one m/s at the tip costs 20 times the joint speed."""
+"""|sin q2| below which the arm counts as stretched or folded: there the joints turn 20 times as fast as usual."""
 
 
 class OutOfReach(ValueError):
@@ -76,7 +76,7 @@ def solve_jacobian(lengths_m: Sequence[float], q: Sequence[float], v: Sequence[f
 
 
 def inverse(lengths_m: Sequence[float], x: Sequence[float], near: Sequence[float]) -> Vector:
-    """Return the pose of tip x = (x, y, phi) on the same side of the elbow, and the same turn, as the pose `near`, eq. (13).
+    """Return the pose of tip x = (x, y, phi) with the elbow, and the turns, of the pose `near`, eq. (13).
 
     Raises OutOfReach.
     """

@@ -23,7 +23,7 @@ class Trajectory(Protocol):
 
 
 def quintic(phase: float) -> tuple[float, float, float]:
-    """Return the quintic from 0 to 1 with no speed and no acceleration at its ends, and its two derivatives by phase."""
+    """Return the quintic from 0 to 1, at rest at both ends, and its two derivatives by phase."""
     p = min(max(phase, 0.0), 1.0)
     value = p**3 * (10.0 - 15.0 * p + 6.0 * p * p)
     rate = 30.0 * (p * (1.0 - p)) ** 2

@@ -36,7 +36,7 @@ def socket_path(channel: str) -> Path:
     """Return where a channel's socket is; raise ChannelError for a name that cannot be one."""
     if not NAME.fullmatch(channel):
         raise ChannelError(
-            f"channel {channel!r}: a name has 1 to 41 letters, digits, '_', '.' or '-', and begins with one of the first two"
+            f"channel {channel!r}: a name has 1 to 41 letters, digits, '_', '.' or '-', the first a letter or digit"
         )
     return folder() / f"{channel}.sock"
 

@@ -11,7 +11,6 @@ import os
 import select
 import time
 from collections import deque
-from typing import Any
 
 import can
 from can.typechecking import AutoDetectedConfig

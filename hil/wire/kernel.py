@@ -37,9 +37,17 @@ Watcher = Callable[[int, int, bytes, str], None]
 class Participant(Protocol):
     """What the kernel needs of a node, wherever it runs."""
 
-    name: str
-    wakes_on: Collection[int]
-    stores: Collection[int]
+    @property
+    def name(self) -> str:
+        """How the bus knows it."""
+
+    @property
+    def wakes_on(self) -> Collection[int]:
+        """Identifiers that wake it."""
+
+    @property
+    def stores(self) -> Collection[int]:
+        """Identifiers that are kept for its next wake-up."""
 
     def start(self, now_ns: int) -> Reaction:
         """Return the reaction to the start of time."""
@@ -95,7 +103,7 @@ class Kernel:
         self._pending: list[tuple[int, int, int, int, bytes]] = []
         self._sequence = 0
         self._idle = True
-        self._free_from_ns = start_ns
+        self._free_from_ns = -(1 << 63)
         self._routes: dict[int, list[tuple[Port, bool]]] = {}
 
     def join(self, participant: Participant) -> Port:
@@ -205,7 +213,7 @@ class Kernel:
 
     def _arbitrate(self, _: None) -> None:
         """Start the frame that wins."""
-        _, order, _, identifier, data = heappop(self._pending)
+        _key, order, _sequence, identifier, data = heappop(self._pending)
         end_ns = self.now_ns
         if not self.functional:
             bits = self._bits(identifier, data)

@@ -12,6 +12,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -118,10 +119,9 @@ class Observer:
                 self.unsent += protocol.message(protocol.FRAMES, protocol.encode_frames(frames))
         self.frames.clear()
         try:
-            while self.unsent:
-                del self.unsent[: self.connection.stream.send(self.unsent[: 1 << 18])]
-        except BlockingIOError:
-            pass
+            with suppress(BlockingIOError):
+                while self.unsent:
+                    del self.unsent[: self.connection.stream.send(self.unsent[: 1 << 18])]
         except OSError as error:
             raise Closed from error
 
@@ -200,7 +200,8 @@ class Server:
         deadline = time.monotonic() + 5.0
         while any(observer.frames or observer.unsent for observer in self.observers) and time.monotonic() < deadline:
             self.poll(0.01)
-        for connection in [c.connection for c in (*self.timed.values(), *self.observers)]:
+        timed = [client.connection for client in self.timed.values()]
+        for connection in [*timed, *(observer.connection for observer in self.observers)]:
             try:
                 connection.send(protocol.END, reason.encode())
             except Closed:
@@ -284,10 +285,8 @@ class Server:
         connection.send(protocol.WELCOME, protocol.encode_json(welcome))
 
     def _refuse(self, connection: Connection, reason: str) -> None:
-        try:
+        with suppress(Closed):
             connection.send(protocol.REFUSED, reason.encode())
-        except Closed:
-            pass
         self._forget(connection)
 
     def _forget(self, connection: Connection) -> None:
@@ -333,7 +332,13 @@ def _check_hello(kind: int, body: bytes) -> dict[str, Any]:
     if kind != protocol.HELLO:
         raise ProtocolError(f"message {kind} where HELLO was due")
     hello = protocol.decode_json(body)
-    wanted = {"name": str, "timed": bool, "start_ns": (int, type(None)), "wakes_on": (list, type(None)), "stores": list}
+    wanted: dict[str, Any] = {
+        "name": str,
+        "timed": bool,
+        "start_ns": (int, type(None)),
+        "wakes_on": (list, type(None)),
+        "stores": list,
+    }
     for key, kinds in wanted.items():
         if not isinstance(hello.get(key), kinds):
             raise ProtocolError(f"HELLO: {key} = {hello.get(key)!r} is not what it should be")
