@@ -26,7 +26,9 @@ def make_step(words):
     """Return the control step bound to one word arithmetic: 3 multiplications and 6 additions (table 1).
 
     d is the disturbance estimate t_dis_hat / Ktn in current counts, as a double with half its bits behind the point:
-    d' = g (i - d) - KB w', which is (5) without a filter of the large term g Jn w.
+    d' = g (i - d) - KB w', which is (5) without a filter of the large term g Jn w. What the step returns as the
+    estimate is the d that its current answers; the d that it leaves already holds g T of that current, which the next
+    sample's speed takes off again.
     """
     multiply, add, subtract = words.multiply, words.add, words.subtract
     wrap, saturate, saturate_double, limit = words.wrap, words.saturate, words.saturate_double, words.limit
@@ -36,10 +38,11 @@ def make_step(words):
         w = wrap(W, subtract(count, count_prev))
         dw = wrap(DW, subtract(w, w_prev))
         d = saturate_double(D, subtract(d, to_high(saturate(KB_DW, multiply(kb, dw)))))
-        i = limit(CURRENT, add(shift_right(multiply(kj, a_ref), shift), high_of(d)), current_limit)
-        error = saturate(ERROR, subtract(i, high_of(d)))
+        estimate = high_of(d)
+        i = limit(CURRENT, add(shift_right(multiply(kj, a_ref), shift), estimate), current_limit)
+        error = saturate(ERROR, subtract(i, estimate))
         d = saturate_double(D, add(d, shift_left(multiply(ka, error), 1)))
-        return w, d, i
+        return w, d, i, estimate
 
     return step
 
@@ -138,11 +141,11 @@ class JointCPU:
     def control(self, count, a_ref):
         """Return (current reference, disturbance estimate) in current counts; a user's own law replaces this."""
         ka, kb, kj, shift, current_limit = self.table
-        self.w_prev, self.d, i = self.step(
+        self.w_prev, self.d, i, estimate = self.step(
             count, self.count_prev, self.w_prev, self.d, a_ref, ka, kb, kj, shift, current_limit
         )
         self.count_prev = count
-        return i, self.words.high_of(self.d)
+        return i, estimate
 
     def preset(self, count):
         """Enter run without a bump: at rest, no disturbance known."""

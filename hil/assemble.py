@@ -1,6 +1,8 @@
 """The nodes of a scenario, each built by itself: a process builds only its own."""
 
 import importlib
+import os
+import sys
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
@@ -173,6 +175,8 @@ def _cpu_class(cpu: str, number: int) -> type[JointCPU]:
     if cpu == "python":
         return JointCPU
     module_name, _, class_name = cpu.partition(":")
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
     try:
         found = getattr(importlib.import_module(module_name), class_name)
     except (ImportError, ValueError, AttributeError) as error:

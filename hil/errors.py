@@ -3,6 +3,8 @@
 Every text says which thing, which value, which limit, and the cure.
 """
 
+import traceback
+
 
 class HilError(Exception):
     """The base of all families."""
@@ -26,6 +28,12 @@ class NodeError(HilError):
     """A node that died, hung or broke the agreement."""
 
     exit_code = 5
+
+
+def failed(name: str, error: Exception) -> NodeError:
+    """Return what a node's own exception comes to: its name, what was raised, and where."""
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    return NodeError(f"{name} failed in {where.filename}, line {where.lineno}: {type(error).__name__}: {error}")
 
 
 class FaultError(HilError):

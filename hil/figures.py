@@ -1,8 +1,8 @@
 """The figures of a run with the observer and one without: joint response, deviation, task space, disturbance.
 
-Each as PNG and SVG, the same bytes from the same signals. Colours of M. Okabe and K. Ito's colour-blind safe set.
+Each as PNG and SVG, the same bytes from the same signals.
 
-Ref: the paper's eqs. (3)-(4), figs. 15 and 16.
+Ref: the paper's eqs. (3)-(4), figs. 15 and 16; M. Okabe, K. Ito, Color Universal Design (the colours).
 """
 
 import textwrap
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Style = dict[str, Any]
-
 WIDTH_IN = 7.2  # text width of an A4 page
 RC: dict[Any, Style] = {
     "agg.path": {"chunksize": 20_000},  # long noisy runs otherwise exceed what Agg can hold
@@ -49,7 +48,6 @@ TERMS: dict[str, Style] = {
     "reaction": {"label": "reaction", "color": "black", "linestyle": (0, (2, 1))},
     "ripple": {"label": "torque ripple", "color": "0.5", "linewidth": 0.8},
 }
-IF_NONZERO = ("reaction", "ripple")
 DIVISIONS_S = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
@@ -74,11 +72,11 @@ def write_figures(folder: Path, with_observer: Evaluation, without_observer: Eva
 
 
 def _save(figure: "Figure", stem: Path, title: str) -> list[Path]:
-    png, svg = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".svg")
-    figure.savefig(png, dpi=150, metadata={"Title": title})
+    paths = [stem.with_name(stem.name + suffix) for suffix in (".png", ".svg")]
+    figure.savefig(paths[0], dpi=150, metadata={"Title": title})
     figure.set_layout_engine("none")  # laid out once for both
-    figure.savefig(svg, metadata={"Title": title, "Date": None})
-    return [png, svg]
+    figure.savefig(paths[1], metadata={"Title": title, "Date": None})
+    return paths
 
 
 def _response(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
@@ -130,14 +128,13 @@ def _disturbance(figure: "Figure", on: Evaluation, _off: Evaluation) -> str:
         sums.set(title=f"joint {n + 1}: estimate and true sum", ylabel="torque, N m")
         for name, style in TERMS.items():
             values = getattr(on.disturbance, name)
-            if name not in IF_NONZERO or np.any(values):
+            if name not in ("reaction", "ripple") or np.any(values):
                 _line(terms, on.t_s, values[:, n], {"linewidth": 1.3} | style)
         terms.set(title=f"joint {n + 1}: terms of eq. (4)", ylabel="torque, N m")
     return "the disturbance torque as each observer estimates it, and its true terms."
 
 
-# what draws each figure, and its height in inches
-FIGURES = {
+FIGURES = {  # what draws each, and its height in inches
     "response": (_response, 6.0),
     "deviation": (_deviation, 6.2),
     "task-space": (_task_space, 8.2),
@@ -169,27 +166,21 @@ def _finish(figure: "Figure", run: Evaluation, title: str) -> None:
     duration_s = run.scenario.duration_s
     division_s = next(division_s for division_s in DIVISIONS_S if duration_s / division_s <= 25)
     divisions = np.arange(0.0, duration_s * (1 + 1e-9), division_s)
+    entries: dict[str, Any] = {}
     for axes in figure.axes:
         axes.vlines(divisions, 0.0, 1.0, transform=axes.get_xaxis_transform(), **GRID)
         axes.grid(axis="y", **GRID)
+        for load in run.scenario.load:
+            axes.axvline(load.at_s, label=f"{load.mass_kg:g} kg put on", **LOAD)
+            if load.until_s < duration_s:
+                axes.axvline(load.until_s, label="load taken off", **LOAD)
         axes.set(xlim=(0.0, duration_s), xticks=divisions[:: 1 if len(divisions) <= 7 else 5])
+        lines, labels = axes.get_legend_handles_labels()
+        entries |= {label: line for line, label in zip(lines, labels, strict=True) if label not in entries}
     for axes in figure.axes[-2:]:
         axes.set_xlabel(f"time, s ({division_s * 1000.0:g} ms a division)")
     figure.align_ylabels()
     figure.suptitle(textwrap.fill(title, 98), x=0.01, ha="left", fontsize=10.0)
-    _legend(figure, run)
-
-
-def _legend(figure: "Figure", run: Evaluation) -> None:
-    """Mark the instants at which the load changes, and name every line once."""
-    entries: dict[str, Any] = {}
-    for axes in figure.axes:
-        lines, labels = axes.get_legend_handles_labels()
-        entries |= {label: line for line, label in zip(lines, labels, strict=True) if label not in entries}
-    for load in run.scenario.load:
-        for at_s, label in ((load.at_s, f"{load.mass_kg:g} kg put on"), (load.until_s, "load taken off")):
-            if at_s < run.scenario.duration_s:
-                entries[label] = [axes.axvline(at_s, **LOAD) for axes in figure.axes][0]
     columns = 4 if len(entries) == 4 else 3
     figure.legend(entries.values(), entries.keys(), loc="outside lower center", frameon=False, ncols=columns)
 
@@ -200,9 +191,7 @@ def _largest(values: Array) -> float:
 
 def _angle_unit(rad: float) -> tuple[float, str]:
     """Return the factor from rad to the unit that fits, and its name."""
-    if rad < 0.9995e-3:
-        return 1e6, "µrad"
-    return (1e3, "mrad") if rad < 0.9995 else (1.0, "rad")
+    return (1e6, "µrad") if rad < 0.9995e-3 else (1e3, "mrad") if rad < 0.9995 else (1.0, "rad")
 
 
 def _angle(rad: float) -> str:

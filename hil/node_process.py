@@ -13,7 +13,7 @@ from typing import Any
 
 from hil.assemble import build_node
 from hil.drive import over
-from hil.errors import HilError, NodeError
+from hil.errors import HilError, NodeError, failed
 from hil.scenario import Scenario
 from hil.wire import client
 from hil.wire.protocol import Closed
@@ -65,9 +65,9 @@ def main() -> int:
     except HilError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    except OSError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 7
+    except Exception as error:
+        print(failed(name, error), file=sys.stderr)
+        return NodeError.exit_code
     return 0
 
 

@@ -9,6 +9,7 @@ from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil.assemble import build_nodes
 from hil.drive import Direct
+from hil.errors import HilError, failed
 from hil.frame_log import FrameLog
 from hil.scenario import Scenario
 from hil.wire.kernel import Kernel
@@ -71,8 +72,13 @@ def run_inline(scenario: Scenario, progress: Progress = no_progress) -> Outcome:
     nodes = build_nodes(scenario)
     for node in nodes:
         kernel.join(Direct(node))
-    kernel.start()
-    wall_s, setup_wall_s, bits = carry_through(scenario, kernel, kernel.run, progress, began)
+    try:
+        kernel.start()
+        wall_s, setup_wall_s, bits = carry_through(scenario, kernel, kernel.run, progress, began)
+    except HilError:
+        raise
+    except Exception as error:
+        raise failed(kernel.waking, error) from error
     reports = {node.name: node.report() for node in nodes}
     return Outcome(scenario, "inline", recorder.log, reports, bits, wall_s, setup_wall_s)
 

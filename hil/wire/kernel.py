@@ -98,7 +98,7 @@ class Kernel:
         self.watchers: list[Watcher] = []
         self.stopped = False
         self.bits_on_wire = 0
-        self.wakes = 0
+        self.waking = ""
         self._agenda: list[tuple[int, int, int, int, Callable[[Any], None], Any]] = []
         self._pending: list[tuple[int, int, int, int, bytes]] = []
         self._sequence = 0
@@ -125,6 +125,7 @@ class Kernel:
 
     def begin(self, port: Port) -> None:
         """Tell one participant that its time begins now."""
+        self.waking = port.participant.name
         self._react(port, port.participant.start(self.now_ns))
 
     def run(self, until_ns: int) -> None:
@@ -187,7 +188,7 @@ class Kernel:
         self._wake(port, port)
 
     def _wake(self, port: Port, frame_from: Port | None) -> None:
-        self.wakes += 1
+        self.waking = port.participant.name
         stored = port.take()
         cause = None if frame_from is None else port.inbox.popleft()[0]
         reaction = port.participant.wake(self.now_ns, stored, cause)

@@ -1,0 +1,87 @@
+"""What all tests share: channels of their own, short scenarios, and no process left behind."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hil import scenario_file
+from hil.scenario import Scenario
+
+SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
+
+
+@pytest.fixture(autouse=True)
+def own_channels(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give each test a run-time directory of its own, so that no two meet on a channel."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("run")))
+
+
+@pytest.fixture
+def short() -> Scenario:
+    """paper-joint in 200 cycles."""
+    return scenario_file.load("paper-joint", SHORT)
+
+
+@pytest.fixture
+def short_settings() -> list[str]:
+    """The same as options of the command line."""
+    return [word for setting in SHORT for word in ("--set", setting)]
+
+
+class Hil:
+    """The command `hil` as a user runs it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.started: list[subprocess.Popen[str]] = []
+
+    def run(self, *words: str, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+        """Run it to its end."""
+        return subprocess.run(
+            self._command(words),
+            capture_output=True,
+            text=True,
+            cwd=self.folder,
+            timeout=120,
+            env=os.environ | (env or {}),
+            check=False,
+        )
+
+    def start(self, *words: str) -> subprocess.Popen[str]:
+        """Start it and let it run."""
+        process = subprocess.Popen(
+            self._command(words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder
+        )
+        self.started.append(process)
+        return process
+
+    @staticmethod
+    def _command(words: tuple[str, ...]) -> list[str]:
+        return [sys.executable, "-m", "hil", *words]
+
+
+@pytest.fixture
+def hil(tmp_path: Path) -> Iterator[Hil]:
+    command = Hil(tmp_path)
+    yield command
+    for process in command.started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def descendants(pid: int) -> list[int]:
+    """Return the process ids of all children, and theirs."""
+    found = []
+    for line in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        found += [int(line), *descendants(int(line))]
+    return found
+
+
+@pytest.fixture
+def children_of():  # type: ignore[no-untyped-def]
+    return descendants
