@@ -4,10 +4,10 @@ Units: s. Ref: Illinois variant of regula falsi (Dowell, Jarratt, BIT 11, 1971),
 """
 
 from collections.abc import Callable
+from math import ulp
 
 WIDTH_S = 1e-15
 _HALVINGS = 60
-_ITERATIONS = 200
 
 
 def first_negative(function: Callable[[float], float], end_s: float) -> float:
@@ -32,11 +32,11 @@ def first_negative(function: Callable[[float], float], end_s: float) -> float:
 
 def _close_in(function: Callable[[float], float], low: float, high: float, at_low: float, at_high: float) -> float:
     side = 0
-    for _ in range(_ITERATIONS):
-        if high - low <= WIDTH_S:
-            break
+    width = max(WIDTH_S, 8.0 * ulp(high))
+    inset = 0.4 * width  # every guess takes away this much, so the search ends
+    while high - low > width:
         guess = low + (high - low) * at_low / (at_low - at_high)
-        guess = min(max(guess, low + 0.4 * WIDTH_S), high - 0.4 * WIDTH_S)
+        guess = min(max(guess, low + inset), high - inset)
         value = function(guess)
         if value > 0.0:
             low, at_low, at_high, side = guess, value, at_high * (0.5 if side == 1 else 1.0), 1

@@ -10,6 +10,8 @@ and the joint coordinates' values are the sums over all links from joint i (and 
 The text uses floats, tuples, sin and cos alone, so Numba compiles it too. Units: SI. Ref: eq. (1).
 """
 
+from functools import cache
+
 from plant.parameters import ArmParameters, check_payload
 
 Lines = list[str]
@@ -105,6 +107,7 @@ def acceleration_lines(n: int, free: tuple[int, ...]) -> Lines:
     return [*inertia_lines(n), *bias_lines(n), *right, *solve_lines(free)]
 
 
+@cache
 def terms_text(n: int) -> str:
     """Return the text of terms(q, w) -> (M, h, g)."""
     rows = " ".join("(" + " ".join(_entry(i, j) + "," for j in range(1, n + 1)) + ")," for i in range(1, n + 1))
@@ -114,6 +117,7 @@ def terms_text(n: int) -> str:
     return function_text("terms(q, w)", body)
 
 
+@cache
 def inverse_dynamics_text(n: int) -> str:
     """Return the text of inverse_dynamics(q, w, a) -> M a + h + g + D w."""
     joints = tuple(range(1, n + 1))
@@ -122,12 +126,14 @@ def inverse_dynamics_text(n: int) -> str:
     return function_text("inverse_dynamics(q, w, a)", [*body, f"return ({' '.join(sums)})"])
 
 
+@cache
 def acceleration_text(n: int, free: tuple[int, ...]) -> str:
     """Return the text of acceleration(q, w, torque) -> q", 0.0 for joints that are not free."""
     body = [*unpack_lines(n, q="q", w="w", f="torque"), *acceleration_lines(n, free)]
     return function_text("acceleration(q, w, torque)", [*body, f"return ({_of_free(n, free)})"])
 
 
+@cache
 def balance_text(n: int, free: tuple[int, ...], ripple: bool) -> str:
     """Return the text of balance(q, w, current, e) -> (q", what holds the joints that are not free, else 0.0)."""
     body = [*unpack_lines(n, q="q", w="w", i="current", e="e"), *driving_lines(tuple(range(1, n + 1)), ripple)]

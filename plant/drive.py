@@ -22,9 +22,7 @@ class Amplifiers:
         """References beyond the limit, a joint."""
 
     def command(self, index: int, counts: int) -> None:
-        """Set the reference of joint index (from 0), limited to the largest current; TypeError if counts is no int."""
-        if not isinstance(counts, int):
-            raise TypeError(f"current of joint {index + 1}: {counts!r} is not a whole number of counts: pass an int")
+        """Set the reference of joint index (from 0), limited to the largest current."""
         asked_A = counts / self._counts_per_A
         given_A = min(max(asked_A, -self._limit_A), self._limit_A)
         self.saturations[index] += given_A != asked_A

@@ -12,7 +12,7 @@ from dbc.codec import Codec
 from dbc.status import Status
 from plant.robot import Robot
 
-INIT, READY, RUN, FAULT = 0, 1, 2, 3
+INIT, READY, RUN = 0, 1, 2
 NO_FAULT, STOPPED = 0, 4
 
 Reaction = tuple[int, int | None, list[tuple[int, int, bytes]]]
@@ -53,6 +53,7 @@ class Plant:
         self.answered = [False] * len(joints)
         self.missed_currents = [0] * len(joints)
         self.late_currents = 0
+        self.stopped = False
         self.finished = False
         self.crc_errors = 0
         self.rows: list[tuple[float, ...]] = []
@@ -74,8 +75,8 @@ class Plant:
             self._take_current(identifier, data, at_ns)
         elif identifier == self.stop:
             self.robot.engage_brakes(at_ns)
-            self.state = FAULT
-        elif self.state == INIT and self.codecs[identifier].unpack(data) is not None:
+            self.state, self.stopped = INIT, True
+        elif self.state == INIT and not self.stopped and self.codecs[identifier].unpack(data) is not None:
             self.state = READY
 
     def on_timer(self, now_ns: int) -> Reaction:
@@ -89,14 +90,14 @@ class Plant:
         robot.advance_to(now_ns)
         if self.state == RUN:
             self._record()
-        self.finished = self.state == FAULT
+        self.finished = self.stopped
         self.answered = [False] * len(self.answered)
         cycle = now_ns // self.period_ns & 0xFF
         sends = [
             (0, encoder.identifier, encoder.pack(count, cycle))
             for encoder, count in zip(self.encoders, robot.counts(), strict=True)
         ]
-        fault = STOPPED if self.state == FAULT else NO_FAULT
+        fault = STOPPED if self.stopped else NO_FAULT
         saturations, missed = sum(robot.saturations), sum(self.missed_currents)
         sends += self.status.sends(now_ns, self.state, fault, saturations, self.late_currents, missed, 0)
         return 0, now_ns + self.period_ns, sends
@@ -110,10 +111,8 @@ class Plant:
         joint = self.currents[identifier]
         period = at_ns // self.period_ns
         age = (period - cycle) & 0xFF
-        if age == 0:
-            self.answered[joint - 1] = True
-        else:
-            self.late_currents += 1
+        self.answered[joint - 1] |= age == 0
+        self.late_currents += age > 0 and self.state == RUN
         acts_ns = (period - age) * self.period_ns + self.action_delay_ns[joint - 1]
         self.robot.set_current(joint, counts, max(at_ns, acts_ns))
 

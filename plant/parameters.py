@@ -92,7 +92,7 @@ def check_payload(mass_kg: float) -> float:
 
 def _check_number(name: str, value: float, limits: tuple[float, bool, float]) -> None:
     smallest, allowed, below = limits
-    if name in _WHOLE and value != int(value):
+    if name in _WHOLE and isfinite(value) and value != int(value):
         raise ValueError(f"{name}: {value} is not a whole number: round it")
     if not isfinite(value) or value < smallest or (value == smallest and not allowed) or value >= below:
         lower = f"{'at least' if allowed else 'more than'} {smallest:g}"

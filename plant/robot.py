@@ -40,7 +40,9 @@ class Robot:
         self.parameters = parameters
         self.now_ns = start_ns
         self.payload_kg = payload_kg
-        self._max_step_ns = max_step_ns
+        # at a fourth of the lag the effect of a current's exponential is off by (1/4)^4 / 2880 = 1.4e-6 (Simpson)
+        lag_ns = round(parameters.amplifier_lag_s * 1e9)
+        self._max_step_ns = min(max_step_ns, max(1, lag_ns // 4)) if lag_ns else max_step_ns
         self._external: Vector = (0.0,) * parameters.joints
         bits = parameters.counter_bits
         self._encoders = tuple(Encoder(q, parameters.counts_per_turn, bits) for q in start_rad)
@@ -62,11 +64,17 @@ class Robot:
             act()
         self._integrate_to(t_ns)
 
+    def prepare(self) -> None:
+        """Compile now what is otherwise compiled at the first use (10 ms for 3 joints, 0.5 s for 6): for real time."""
+        self._motion.prepare()
+
     # what acts on it
 
     def set_current(self, joint: int, counts: int, at_ns: int) -> None:
-        """Set a joint's current reference [counts], limited to the amplifier's largest (counted in `saturations`)."""
+        """Set a joint's current reference, limited to the amplifier's largest; TypeError if counts is no int."""
         index = self._index(joint)
+        if not isinstance(counts, int):
+            raise TypeError(f"current of joint {joint}: {counts!r} is not a whole number of counts: pass an int")
         self._at(at_ns, lambda: self._amplifiers.command(index, counts))
 
     def set_payload(self, mass_kg: float, at_ns: int) -> None:
