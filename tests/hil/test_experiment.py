@@ -91,13 +91,13 @@ def test_the_terms_of_the_disturbance_add_up_to_the_truth_of_eq_3() -> None:
 
 
 def test_the_estimate_follows_the_true_disturbance() -> None:
-    """Means over 50 ms within 3 % of the largest, from 100 ms on.
+    """Means over 100 ms within 3 % of the largest, from 100 ms on.
 
     One count of the encoder is worth 7.2 N m of joint 1's estimate in one sample, so samples cannot be compared.
     """
     evaluation = evaluated("paper-joint")
     truth, estimate = (
-        values[100:1000].reshape(-1, 50, 3).mean(axis=1)
+        values[100:1000].reshape(-1, 100, 3).mean(axis=1)
         for values in (evaluation.disturbance.total(), evaluation.estimate)
     )
     assert np.all(np.abs(estimate - truth) <= 0.03 * np.max(np.abs(truth), axis=0))

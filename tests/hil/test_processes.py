@@ -1,0 +1,264 @@
+"""Every node a process of its own: the same frames as inline, whatever the machine does meanwhile; no orphan."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from hil import scenario_file
+from hil.errors import ChannelError, NodeError
+from hil.frame_log import FrameLog
+from hil.processes import run_processes
+from hil.rig import run_inline
+from hil.scenario import Scenario
+from hil.wire import channel, client
+from hil.wire.channel import Listener
+
+LIMIT_S = 60.0
+"""For what must happen at all; it says nothing about speed."""
+
+
+def wait_for(condition: Callable[[], Any]) -> Any:
+    """Return the condition's first true value."""
+    deadline = time.monotonic() + LIMIT_S
+    while time.monotonic() < deadline:
+        if value := condition():
+            return value
+        time.sleep(0.005)
+    raise AssertionError("it never happened")
+
+
+def name_of(pid: int) -> str:
+    """Return the node that a child process plays."""
+    words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    return words[3].decode() if b"hil.node_process" in words else ""
+
+
+def nodes_of(pid: int) -> dict[str, int]:
+    """Return the node processes of a rig by name."""
+    try:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        return {name: int(child) for child in children if (name := name_of(int(child)))}
+    except FileNotFoundError:
+        return {}
+
+
+def cpu_ticks(pid: int) -> int:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return int(fields[11]) + int(fields[12])
+
+
+@pytest.mark.parametrize("name", scenario_file.builtin_names())
+@pytest.mark.parametrize("fidelity", ["bits", "functional"])
+def test_processes_and_inline_make_the_same_frames(name: str, fidelity: str) -> None:
+    scenario = scenario_file.load(name, [f"bus.fidelity={fidelity}"])
+    assert run_processes(scenario, "arm").log.frames == run_inline(scenario).log.frames
+
+
+def test_twenty_runs_make_the_same_frames(short: Scenario) -> None:
+    expected = run_inline(short).log.sha256()
+    assert {run_processes(short, f"arm{k}").log.sha256() for k in range(10)} == {expected}
+    assert {run_inline(short).log.sha256() for _ in range(10)} == {expected}
+
+
+def test_a_busy_machine_changes_nothing(short: Scenario) -> None:
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    try:
+        assert run_processes(short, "arm").log.sha256() == run_inline(short).log.sha256()
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+
+
+@pytest.mark.parametrize("name", ["plant", "dsp", "joint2"])
+def test_a_node_that_is_stopped_for_a_second_changes_nothing(name: str, hil: Any) -> None:
+    rig = hil.start("run", "--json", "--set", "duration_s=6")
+    pid = wait_for(lambda: nodes_of(rig.pid).get(name))
+    wait_for(lambda: len(nodes_of(rig.pid)) == 5 and cpu_ticks(pid) > 40)
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(1.0)  # the second of the title; nothing is judged by it
+    assert rig.poll() is None
+    os.kill(pid, signal.SIGCONT)
+    out, err = rig.communicate(timeout=LIMIT_S)
+    assert rig.returncode == 0, err
+    expected = run_inline(scenario_file.load("paper-joint", ["duration_s=6"])).log.sha256()
+    assert json.loads(out)["frame_log_sha256"] == expected
+
+
+@pytest.mark.parametrize("name", ["plant", "dsp", "joint1", "joint2", "joint3"])
+def test_a_killed_node_ends_the_run_with_its_name(name: str, hil: Any) -> None:
+    rig = hil.start("run", "--set", "duration_s=600")
+    nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
+    wait_for(lambda: cpu_ticks(nodes[name]) > 40)
+    os.kill(nodes[name], signal.SIGKILL)
+    out, err = rig.communicate(timeout=LIMIT_S)
+    assert rig.returncode == NodeError.exit_code
+    assert re.search(rf"hil: {name} was killed by SIGKILL", err)
+    assert "Traceback" not in out + err
+    assert_all_ended(nodes.values())
+    assert not list(hil.folder.glob("runs/*"))
+
+
+@pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupting_the_rig_ends_every_node(number: int, exit_code: int, hil: Any) -> None:
+    rig = hil.start("run", "--set", "duration_s=600")
+    nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
+    wait_for(lambda: cpu_ticks(nodes["plant"]) > 40)
+    rig.send_signal(number)
+    out, err = rig.communicate(timeout=LIMIT_S)
+    assert rig.returncode == exit_code
+    assert "Traceback" not in out + err
+    assert_all_ended(nodes.values())
+
+
+def test_killing_the_rig_itself_leaves_no_orphan(hil: Any) -> None:
+    rig = hil.start("run", "--set", "duration_s=600")
+    nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
+    wait_for(lambda: cpu_ticks(nodes["plant"]) > 40)
+    rig.kill()
+    rig.communicate(timeout=LIMIT_S)
+    assert_all_ended(nodes.values())
+
+
+def assert_all_ended(pids: Any) -> None:
+    wait_for(lambda: not any(name_of_or_none(pid) for pid in pids))
+
+
+def name_of_or_none(pid: int) -> str:
+    try:
+        return name_of(pid)
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+
+
+def test_a_node_that_hangs_is_named_when_the_patience_is_over(hil: Any) -> None:
+    rig = hil.start("run", "--patience", "1.5", "--set", "duration_s=600")
+    nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
+    wait_for(lambda: cpu_ticks(nodes["joint3"]) > 40)
+    os.kill(nodes["joint3"], signal.SIGSTOP)
+    out, err = rig.communicate(timeout=LIMIT_S)
+    assert rig.returncode == NodeError.exit_code
+    assert "hil: joint3 has not answered for" in err
+    assert "--patience" in err
+    assert "waiting for joint3" in err
+    assert "Traceback" not in out + err
+    assert_all_ended(nodes.values())
+
+
+def test_each_process_has_cpu_time_of_its_own(short: Scenario) -> None:
+    reports = run_processes(short, "arm").reports
+    assert len({report["process"]["pid"] for report in reports.values()} - {os.getpid()}) == 5
+    assert all(report["process"]["cpu_s"] > 0.0 for report in reports.values())
+
+
+def test_an_independent_logger_records_the_same_frames(hil: Any, tmp_path: Path) -> None:
+    """python-can's own logger, unchanged, on the bus from before cycle 0 until the bus ends."""
+    log = tmp_path / "logger.log"
+    words = ["-i", "hil", "-c", "arm", "-f", str(log), "--bus-kwargs", "wait_s=30", "name=logger"]
+    logger = subprocess.Popen(
+        [sys.executable, "-m", "can.logger", *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        scenario = scenario_file.load("paper-joint")
+        outcome = _run_with_observer(scenario, "logger")
+        logger.wait(LIMIT_S)
+    finally:
+        logger.kill()
+        logger.wait()
+    assert outcome.lost_frames == 0
+    with can.CanutilsLogReader(str(log)) as reader:
+        recorded = [(m.timestamp, m.arbitration_id, bytes(m.data)) for m in reader if m.timestamp >= 0.0]
+    in_run = [frame for frame in recorded if frame[0] > 0.0]
+    assert [frame[1:] for frame in in_run] == [(number, data) for _, number, data, _ in outcome.log.frames]
+    # candump's stamps are microseconds
+    stamps = [abs(stamp - end_ns * 1e-9) for (stamp, _, _), (end_ns, _, _, _) in zip(in_run, outcome.log.frames)]
+    assert max(stamps) <= 0.51e-6
+
+
+def _run_with_observer(scenario: Scenario, name: str) -> Any:
+    """Run it once the observer of that name is there: the nodes start, and time waits for them."""
+    from hil import processes
+
+    gather = processes._gather
+
+    def gather_all(server: Any, nodes: Any) -> None:
+        wait_for(lambda: (server.poll(0.05), any(observer.name == name for observer in server.observers))[1])
+        gather(server, nodes)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(processes, "_gather", gather_all)
+        return run_processes(scenario, "arm")
+
+
+def test_a_busy_channel_is_refused_and_the_bus_on_it_goes_on(short: Scenario) -> None:
+    listener = Listener("arm")
+    try:
+        with pytest.raises(ChannelError, match="'arm' is in use by another bus: take another name with -c"):
+            run_processes(short, "arm")
+        assert channel.names() == ["arm"]
+    finally:
+        listener.close()
+
+
+def test_a_stale_channel_is_replaced(short: Scenario) -> None:
+    bus = subprocess.Popen([sys.executable, "-m", "hil", "bus", "arm"], stdout=subprocess.PIPE, text=True)
+    try:
+        assert bus.stdout is not None
+        bus.stdout.readline()
+        assert channel.names() == ["arm"]
+    finally:
+        bus.kill()
+        bus.communicate()
+    assert channel.socket_path("arm").exists()
+    assert channel.names() == []
+    with pytest.raises(ChannelError, match="no bus is running there"):
+        client.join("arm", "nobody", timed=False)
+    assert run_processes(short, "arm").log.frames
+
+
+def test_five_nodes_by_hand_make_the_frames_of_the_rig(hil: Any) -> None:
+    """`hil bus`, `hil node` five times, python-can as the witness."""
+    bus = hil.start("bus", "arm", "--expect", "plant,dsp,joint1,joint2,joint3")
+    assert "waiting for plant, dsp, joint1, joint2, joint3" in bus.stdout.readline()
+    witness = can.Bus(interface="hil", channel="arm", name="witness")
+    nodes = [hil.start("node", *words) for words in (["joint", "2"], ["plant"], ["joint", "1"], ["joint", "3"], ["dsp"])]
+    frames = []
+    try:
+        while (message := witness.recv(LIMIT_S)) is not None:
+            frames.append((round(message.timestamp * 1e9), message.arbitration_id, bytes(message.data)))
+            if message.arbitration_id == 0x010:
+                break
+    finally:
+        witness.shutdown()
+    for node in nodes:
+        out, err = node.communicate(timeout=LIMIT_S)
+        assert node.returncode == 0, err
+        assert "the run is over; nothing was lost, missed or saturated" in out
+    expected = [frame[:3] for frame in run_inline(scenario_file.load("paper-joint")).log.frames]
+    assert [frame for frame in frames if frame[0] >= 0] == expected
+    bus.send_signal(signal.SIGINT)
+    bus.communicate(timeout=LIMIT_S)
+    assert bus.returncode == 0
+
+
+def test_the_log_s_hash_is_over_the_canonical_records() -> None:
+    """Independently written down: struct "<qIBB" and the data, from cycle 0 on."""
+    import hashlib
+    import struct
+
+    log = FrameLog()
+    log.watch(-1, 0x80, b"\xff", "dsp")
+    log.watch(55_000, 0x80, b"\x00", "dsp")
+    log.watch(77_000, 0x80000000 | 0x40000000 | 0x12345, bytes(3), "somebody")
+    records = struct.pack("<qIBB", 55_000, 0x80, 0, 1) + b"\x00" + struct.pack("<qIBB", 77_000, 0x12345, 3, 3)
+    assert log.sha256() == hashlib.sha256(records).hexdigest()
