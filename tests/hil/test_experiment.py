@@ -1,4 +1,4 @@
-"""The figures that the bench stands for, on whole runs of the built-in scenarios (inline; processes: test_processes)."""
+"""The figures that the bench stands for, on whole runs of the built-in scenarios, inline."""
 
 from functools import cache
 

@@ -1,0 +1,195 @@
+"""The command line as a user meets it: what it prints, where, and how it ends."""
+
+import json
+import os
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NUMBERS = (
+    "simulated_s", "wall_s", "startup_s", "cycles", "frames", "lost_frames", "deadline_misses", "saturations",
+    "bus_load", "peak_command_speed_m_s",
+)  # fmt: skip
+TEXTS = ("scenario", "clock", "fidelity", "mode", "frame_log_sha256")
+FIGURES = ("response", "deviation", "task-space", "disturbance")
+PER_JOINT = ("max_deviation_rad", "final_deviation_rad")
+PER_AXIS = ("max_velocity_deviation_m_s", "max_position_deviation_m")
+
+
+def test_json_prints_one_object_and_nothing_else(hil: Any, short_settings: list[str]) -> None:
+    run = hil.run("run", "--json", *short_settings)
+    assert run.returncode == 0, run.stderr
+    summary = json.loads(run.stdout)
+    assert run.stdout.count("\n") == 1
+    assert all(isinstance(summary[key], int | float) for key in NUMBERS)
+    assert all(isinstance(summary[key], str) for key in TEXTS)
+    assert all(len(summary[key]) == 3 for key in PER_JOINT)
+    assert all(len(summary[key]) == 2 for key in PER_AXIS)
+    assert summary["faults"] == []
+    assert (summary["mode"], summary["clock"], summary["fidelity"]) == ("processes", "virtual", "bits")
+    assert (summary["cycles"], summary["simulated_s"]) == (200, 0.2)
+    assert not (hil.folder / "runs").exists()
+
+
+def test_inline_and_processes_agree_on_everything_but_time(hil: Any, short_settings: list[str]) -> None:
+    one, other = (json.loads(hil.run("run", "--json", *mode, *short_settings).stdout) for mode in ([], ["--inline"]))
+    own = {"mode", "wall_s", "startup_s", "processes"}
+    assert {key: value for key, value in one.items() if key not in own} == {
+        key: value for key, value in other.items() if key not in own
+    }
+
+
+def test_a_run_prints_a_table_and_leaves_a_folder(hil: Any, short_settings: list[str]) -> None:
+    run = hil.run("run", "--inline", *short_settings)
+    assert run.returncode == 0, run.stderr
+    assert "joint deviation, urad" in run.stdout
+    assert "observer off" in run.stdout
+    (folder,) = (hil.folder / "runs").iterdir()
+    assert f"run folder: runs/{folder.name}" in run.stdout
+    assert {path.name for path in folder.iterdir()} == {
+        "scenario.toml", "frames.log", "signals.parquet", "summary.json",
+        *(f"{figure}.png" for figure in FIGURES), *(f"{figure}.svg" for figure in FIGURES),
+    }  # fmt: skip
+
+
+def test_a_run_folder_runs_again_to_the_same_frames(hil: Any, short_settings: list[str]) -> None:
+    first = json.loads(hil.run("run", "--inline", "--json", "--out", "first", *short_settings).stdout)
+    again = json.loads(hil.run("run", "first/scenario.toml", "--inline", "--json").stdout)
+    assert first["frame_log_sha256"] == again["frame_log_sha256"]
+
+
+def test_scenarios_lists_one_a_line(hil: Any) -> None:
+    listed = hil.run("scenarios").stdout.splitlines()
+    assert [line.split()[0] for line in listed] == ["load-step", "paper-joint", "paper-task"]
+    assert all(len(line.split()) > 3 for line in listed)
+
+
+FAULTY = """
+from firmware_py.joint_cpu import JointCPU
+class Broken(JointCPU):
+    def control(self, count, a_ref):
+        return 1 // 0, 0
+class Blind(JointCPU):
+    def _reference(self, cycle):
+        return None if cycle == 150 or self.strikes else super()._reference(cycle)
+class Deaf(JointCPU):
+    def _take_parameter(self):
+        return []
+class Wild(JointCPU):
+    def control(self, count, a_ref):
+        return 40000, 0
+class Late(JointCPU):
+    def on_frame(self, identifier, data, now_ns):
+        return 0, now_ns - 1, []
+"""
+
+
+@pytest.mark.parametrize("mode", [["--inline"], []])
+@pytest.mark.parametrize(
+    ("words", "exit_code", "message"),
+    [
+        (["nope"], 3, r"no scenario 'nope': built in are load-step, paper-joint, paper-task"),
+        (["--set", "joint.obsever=1"], 3, r"unknown key joint.obsever: did you mean joint.observer\?"),
+        (["paper-task", "--set", "trajectory.radius_m=0.5"], 3, r"puts the wrist .* m from the base"),
+        (["--set", "joint2.cpu=faulty:Broken"], 5, r"joint2 .*faulty.py, line 5: ZeroDivisionError"),
+        (["--set", "joint2.cpu=faulty:Wild"], 5, r"joint2 .*Current_2.Reference: raw value 40000 is outside"),
+        (["--set", "joint2.cpu=faulty:Late"], 5, r"joint2.*timer asked for at .* ask for a later instant"),
+        (["--set", "joint2.cpu=faulty:Blind"], 6, r"at 0.15\d s: joint2: joint fault \(reference lost\)"),
+        (["--set", "joint2.cpu=faulty:Deaf"], 6, r"dsp: .*joint2 was not ready by cycle -2"),
+        (["--out", "taken"], 7, r"run folder taken is there already: choose another --out, or remove it"),
+        (["--out", "file"], 7, r"run folder file is there already"),
+        (["--out", "file/below"], 7, r"run folder file/below: Not a directory"),
+    ],
+)
+def test_each_family_of_errors_has_its_message_and_its_exit_code(
+    mode: list[str], words: list[str], exit_code: int, message: str, hil: Any, short_settings: list[str]
+) -> None:
+    (hil.folder / "faulty.py").write_text(FAULTY)
+    (hil.folder / "taken").mkdir()
+    (hil.folder / "taken" / "something").touch()
+    (hil.folder / "file").touch()
+    settings = [] if "paper-task" in words else short_settings
+    run = hil.run("run", *mode, *words, *settings)
+    assert run.returncode == exit_code, run.stderr
+    assert re.search(message, run.stderr), run.stderr
+    assert "Traceback" not in run.stdout + run.stderr
+    assert not list(hil.folder.glob("**/*.partial"))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["run", "--nonsense"], ["fly"], ["node", "joint", "x"], ["run", "--patience", "0"], ["bus", "--bitrate", "1"]],
+)
+def test_wrong_usage_ends_with_2(words: list[str], hil: Any) -> None:
+    run = hil.run(*words)
+    assert run.returncode == 2
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "message"),
+    [
+        (["node", "plant", "-c", "nowhere"], 4, r"channel 'nowhere': no bus is running there; start one with `hil bus"),
+        (["node", "plant", "-c", "no/where"], 4, r"channel 'no/where': a name has 1 to 41 letters"),
+        (["node", "plant", "-i", "socketcan"], 4, r"interface 'socketcan': only 'hil' has the virtual time"),
+        (["node", "joint", "7"], 3, r"no node 'joint7': this scenario has plant, dsp, joint1, joint2, joint3"),
+        (["node", "cook"], 3, r"no node 'cook'"),
+        (["bus", "--bitrate", "300007"], 4, r"--bitrate 300007: a bit is no whole number of ns"),
+        (["bus", "--fidelity", "some"], 4, r"--fidelity 'some': take bits or functional"),
+    ],
+)
+def test_nodes_and_buses_refuse_what_cannot_be(words: list[str], exit_code: int, message: str, hil: Any) -> None:
+    run = hil.run(*words)
+    assert (run.returncode, bool(re.search(message, run.stderr))) == (exit_code, True), run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_a_node_refuses_a_bus_of_another_rate(hil: Any) -> None:
+    bus = hil.start("bus", "arm", "--expect", "plant", "--bitrate", "500000")
+    bus.stdout.readline()
+    run = hil.run("node", "plant")
+    assert run.returncode == 5
+    assert "runs with bit_ns = 2000, the scenario wants 1000: start the bus with the same --bitrate" in run.stderr
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small file system takes root")
+def test_a_full_disk_ends_with_one_message_and_no_folder(hil: Any) -> None:
+    """A real file system of 256 KiB."""
+    disk = hil.folder / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", disk], capture_output=True).returncode:
+        pytest.skip("this machine does not let us mount a tmpfs")
+    try:
+        run = hil.run("run", "--inline", "--out", str(disk / "run"), "--set", "duration_s=3")
+        assert run.returncode == 7
+        assert re.search(r"hil: run folder .*: No space left on device; nothing was kept", run.stderr)
+        assert "Traceback" not in run.stderr
+        assert list(disk.iterdir()) == []
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+def test_without_the_report_extra_the_cure_is_named(hil: Any, short_settings: list[str]) -> None:
+    """An interpreter that has no pyarrow: a package of that name in the way which cannot be imported."""
+    (hil.folder / "pyarrow.py").write_text("raise ImportError('not here')")
+    run = hil.run("run", "--inline", "--out", "x", *short_settings)
+    assert run.returncode == 8
+    assert "pip install 'hil[report]'" in run.stderr
+    assert list(hil.folder.iterdir()) == [hil.folder / "pyarrow.py"]
+
+
+def test_a_user_s_own_controller_plays_a_joint(hil: Any, short_settings: list[str]) -> None:
+    """The example of the README, under 30 lines, as it stands."""
+    example = Path(__file__).parents[2] / "examples" / "pd_joint.py"
+    assert len(example.read_text().splitlines()) <= 30
+    (hil.folder / "pd_joint.py").write_text(example.read_text())
+    own = ["--set", "joint2.cpu=pd_joint:SpeedDamping"]
+    summaries = [
+        json.loads(hil.run("run", "--json", *mode, *own, *short_settings).stdout) for mode in ([], ["--inline"])
+    ]
+    plain = json.loads(hil.run("run", "--json", "--inline", *short_settings).stdout)
+    assert summaries[0]["frame_log_sha256"] == summaries[1]["frame_log_sha256"] != plain["frame_log_sha256"]
+    assert summaries[0]["faults"] == []
