@@ -161,7 +161,7 @@ def test_each_process_has_cpu_time_of_its_own(short: Scenario) -> None:
     assert all(report["process"]["cpu_s"] > 0.0 for report in reports.values())
 
 
-def test_an_independent_logger_records_the_same_frames(hil: Any, tmp_path: Path) -> None:
+def test_an_independent_logger_records_the_same_frames(tmp_path: Path) -> None:
     """python-can's own logger, unchanged, on the bus from before cycle 0 until the bus ends."""
     log = tmp_path / "logger.log"
     words = ["-i", "hil", "-c", "arm", "-f", str(log), "--bus-kwargs", "wait_s=30", "name=logger"]
@@ -181,7 +181,9 @@ def test_an_independent_logger_records_the_same_frames(hil: Any, tmp_path: Path)
     in_run = [frame for frame in recorded if frame[0] > 0.0]
     assert [frame[1:] for frame in in_run] == [(number, data) for _, number, data, _ in outcome.log.frames]
     # candump's stamps are microseconds
-    stamps = [abs(stamp - end_ns * 1e-9) for (stamp, _, _), (end_ns, _, _, _) in zip(in_run, outcome.log.frames)]
+    stamps = [
+        abs(stamp - end_ns * 1e-9) for (stamp, _, _), (end_ns, _, _, _) in zip(in_run, outcome.log.frames, strict=True)
+    ]
     assert max(stamps) <= 0.51e-6
 
 
@@ -231,7 +233,9 @@ def test_five_nodes_by_hand_make_the_frames_of_the_rig(hil: Any) -> None:
     bus = hil.start("bus", "arm", "--expect", "plant,dsp,joint1,joint2,joint3")
     assert "waiting for plant, dsp, joint1, joint2, joint3" in bus.stdout.readline()
     witness = can.Bus(interface="hil", channel="arm", name="witness")
-    nodes = [hil.start("node", *words) for words in (["joint", "2"], ["plant"], ["joint", "1"], ["joint", "3"], ["dsp"])]
+    nodes = [
+        hil.start("node", *words) for words in (["joint", "2"], ["plant"], ["joint", "1"], ["joint", "3"], ["dsp"])
+    ]
     frames = []
     try:
         while (message := witness.recv(LIMIT_S)) is not None:

@@ -1,0 +1,641 @@
+"""The bus for other processes, with real sockets: nodes as processes, strangers, observers, and those that go wrong.
+
+A raw client is a socket of this very process. It may say all its answers beforehand: they wait in the stream until the
+bus asks, so that no second thread is needed.
+"""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from hil.drive import Direct
+from hil.errors import NodeError
+from hil.wire import channel, protocol
+from hil.wire import server as server_module
+from hil.wire.channel import Listener
+from hil.wire.kernel import EXTENDED, Kernel
+from hil.wire.protocol import Closed, Connection
+from hil.wire.server import Server
+
+pytestmark = pytest.mark.usefixtures("bounded", "runtime")
+
+BIT_NS = 1000
+END_NS = 40_000_000
+ROUNDS = 30
+
+NODES = """
+import os, signal, sys
+
+class Ping:
+    '''Asks, and some time after the answer again; when and what hangs on all that it heard.'''
+    name, wakes_on, stores = "ping", (0x200,), (0x300, 0x80000400)
+
+    def __init__(self, trouble=""):
+        self.finished, self.asked, self.heard, self.trouble = False, 0, 0, trouble
+
+    def on_start(self, now_ns):
+        return 0, now_ns + 1000, []
+
+    def store(self, identifier, data, at_ns):
+        self.heard = (self.heard * 31 + identifier + sum(data) + at_ns) & 0xFFFF
+
+    def on_timer(self, now_ns):
+        self.asked += 1
+        if self.trouble and self.asked == 10:
+            os.kill(os.getpid(), getattr(signal, self.trouble))
+        return 20_000, None, [(20_000, 0x100, bytes([self.asked, self.heard >> 8, self.heard & 0xFF]))]
+
+    def on_frame(self, identifier, data, now_ns):
+        self.finished = self.asked == ROUNDS
+        return 5000, None if self.finished else now_ns + 5000 + 777 * data[0], []
+
+class Pong:
+    '''Answers after some computing, tells what it stored, and ticks.'''
+    name, wakes_on, stores, finished = "pong", (0x100,), (0x500,), False
+
+    def on_start(self, now_ns):
+        return 0, None, []
+
+    def store(self, identifier, data, at_ns):
+        raise NotImplementedError
+
+    def on_frame(self, identifier, data, now_ns):
+        return 30_000, now_ns + 40_000, [(10_000, 0x200, data[::-1]), (0, 0x300, data + data)]
+
+    def on_timer(self, now_ns):
+        return 0, None, [(0, 0x80000400, b"tick")]
+
+def play(name, trouble):
+    from hil.drive import over
+    from hil.wire import client
+    node = Ping(trouble) if name == "ping" else Pong()
+    connection, _ = client.join("arm", name, True, 0, node.wakes_on, node.stores)
+    over(connection, node)
+""".replace("ROUNDS", str(ROUNDS))
+
+
+def ping_and_pong():
+    """Fresh nodes from the source that the processes run."""
+    names = {}
+    exec(NODES, names)
+    return [names["Ping"](), names["Pong"]()]
+
+
+def watched(functional=False):
+    kernel = Kernel(BIT_NS, functional)
+    log = []
+    kernel.watchers.append(lambda *frame: log.append(frame))
+    return kernel, log
+
+
+def inline_log(functional=False):
+    kernel, log = watched(functional)
+    for node in ping_and_pong():
+        kernel.join(Direct(node))
+    kernel.start()
+    kernel.run(END_NS)
+    return log
+
+
+class Chatter:
+    """A node in the bus's own process that sends `count` frames, one a `period_ns`."""
+
+    name, wakes_on, stores, finished = "chatter", (), (), False
+
+    def __init__(self, count, period_ns=200_000):
+        self.count, self.period_ns, self.sent = count, period_ns, 0
+
+    def on_start(self, now_ns):
+        return 0, now_ns + self.period_ns, []
+
+    def on_timer(self, now_ns):
+        self.sent += 1
+        return (
+            0,
+            now_ns + self.period_ns if self.sent < self.count else None,
+            [(0, 0x100, self.sent.to_bytes(4, "big"))],
+        )
+
+    def report(self):
+        return {}
+
+
+class Bench:
+    """A server on the channel `arm`, and what surrounds it."""
+
+    def __init__(self, expect=(), functional=False, inline=()):
+        self.kernel, self.log = watched(functional)
+        self.listener = Listener("arm")
+        self.waits = []
+        self.server = Server(self.listener, self.kernel, expect, self.on_wait)
+        self.processes = {}
+        self.clients = []
+        for node in inline:
+            self.kernel.join(Direct(node))
+
+    def on_wait(self, name, _waited_s):
+        """Continue whom the bus waits for, in case it is stopped; the signal does nothing to one that runs."""
+        self.waits.append(name)
+        if name not in self.processes:
+            pytest.fail(f"the bus waits for {name}, which has said all that it has to say")
+        os.kill(self.processes[name].pid, signal.SIGCONT)
+
+    def spawn(self, name, trouble=""):
+        self.processes[name] = subprocess.Popen([sys.executable, "-c", f"{NODES}\nplay({name!r}, {trouble!r})"])
+
+    def gather(self):
+        while self.server.missing():
+            self.server.poll(0.1)
+
+    def play(self):
+        self.gather()
+        self.server.start()
+        self.server.run(END_NS)
+        self.server.end("the run is over")
+        return [process.wait() for process in self.processes.values()]
+
+    def connect(self):
+        client = Connection(channel.connect("arm"))
+        self.clients.append(client)
+        return client
+
+    def introduce(self, name, timed=False, *answers, **values):
+        """Send a HELLO, and behind it the answers of a timed client; return (client, the bus's kind, body)."""
+        client = self.connect()
+        hello = {"name": name, "timed": timed, "start_ns": None, "wakes_on": [], "stores": []} | values
+        client.stream.sendall(
+            protocol.message(protocol.HELLO, protocol.encode_json(hello))
+            + b"".join(protocol.message(kind, protocol.encode_yield(reaction)) for kind, reaction in answers)
+        )
+        return client, *self.answer(client)
+
+    def answer(self, client):
+        while not readable(client):
+            self.server.poll(0.1)
+        return client.receive()
+
+    def close(self):
+        for process in self.processes.values():
+            process.kill()
+            process.wait()
+        for client in self.clients:
+            client.close()
+        self.listener.close()
+
+
+def readable(client):
+    return bool(select.select([client], [], [], 0)[0])
+
+
+def messages(client):
+    """All that the bus said until it closed the connection."""
+    found = []
+    try:
+        while True:
+            found.append(client.receive())
+    except Closed:
+        return found
+
+
+def frames_in(messages):
+    return [frame for kind, body in messages if kind == protocol.FRAMES for frame in protocol.decode_frames(body)]
+
+
+@pytest.fixture
+def bench():
+    made = []
+
+    def make(*args, **kwargs):
+        made.append(Bench(*args, **kwargs))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+# -- nodes as processes --
+
+
+@pytest.mark.parametrize("functional", [False, True])
+def test_processes_give_the_log_of_the_same_nodes_inline(bench, functional):
+    bench = bench(("ping", "pong"), functional)
+    bench.spawn("pong")
+    bench.spawn("ping")
+    assert bench.play() == [0, 0]
+    expected = inline_log(functional)
+    assert bench.log == expected
+    assert len(expected) > 3 * ROUNDS
+    assert bench.server.deterministic
+    assert bench.server.lost_frames == 0
+
+
+def test_stopped_and_continued_client_changes_nothing(bench, monkeypatch):
+    monkeypatch.setattr(server_module, "WAIT_S", 0.02)
+    bench = bench(("ping", "pong"))
+    bench.spawn("ping", "SIGSTOP")
+    bench.spawn("pong")
+    assert bench.play() == [0, 0]
+    assert bench.log == inline_log()
+    assert "ping" in bench.waits
+    assert bench.server.deterministic
+
+
+@pytest.mark.parametrize("trouble", ["SIGKILL", "SIGTERM"])
+def test_client_that_is_killed_in_its_turn_ends_the_run_with_its_name(bench, trouble):
+    bench = bench(("ping", "pong"))
+    bench.spawn("ping", trouble)
+    bench.spawn("pong")
+    with pytest.raises(NodeError, match=r"^ping\b"):
+        bench.play()
+    bench.server.end("ping is gone")
+    assert bench.processes["ping"].wait() == -getattr(signal, trouble)
+    assert bench.processes["pong"].wait() == 0
+    expected = inline_log()
+    assert 0 < len(bench.log) < len(expected)
+    assert bench.log == expected[: len(bench.log)]
+
+
+def test_client_that_hangs_is_given_up_by_who_waits(bench, monkeypatch):
+    monkeypatch.setattr(server_module, "WAIT_S", 0.02)
+    bench = bench(("ping", "pong"))
+
+    def give_up(name, _waited_s):
+        raise NodeError(f"{name} hangs")
+
+    bench.spawn("ping", "SIGSTOP")
+    bench.spawn("pong")
+    bench.gather()
+    bench.server.timed["ping"]._on_wait = give_up
+    with pytest.raises(NodeError, match="ping hangs"):
+        bench.play()
+
+
+# -- who may join --
+
+
+def test_strangers_are_shown_out_and_the_others_go_on(bench):
+    """Garbage, half a HELLO, nothing at all, one that is gone at once: before the start, and kept open beyond it."""
+    bench = bench(("ping", "pong"))
+    bench.spawn("ping")
+    bench.spawn("pong")
+    whole = protocol.message(protocol.HELLO, protocol.encode_json({"name": "half", "timed": False}))
+    said = [b"GET / HTTP/1.1\r\n\r\n", b"\x00" * 5, bytes(range(256)), whole[:1], whole[:-1], b"", whole[:7]]
+    strangers = [bench.connect() for _ in said]
+    for stranger, words in zip(strangers, said, strict=True):
+        stranger.stream.sendall(words)
+    strangers[-1].close()
+    assert bench.play() == [0, 0]
+    assert bench.log == inline_log()
+    assert bench.server.deterministic
+
+
+def refused_hellos():
+    good = {"name": "x", "timed": False, "start_ns": None, "wakes_on": [1], "stores": []}
+    for key, value in [
+        ("name", 1),
+        ("name", None),
+        ("timed", "yes"),
+        ("timed", 1),
+        ("start_ns", "now"),
+        ("start_ns", 1.5),
+        ("start_ns", 1 << 63),
+        ("wakes_on", 1),
+        ("wakes_on", ["a"]),
+        ("wakes_on", [-1]),
+        ("wakes_on", [1 << 32]),
+        ("wakes_on", [[1]]),
+        ("stores", None),
+        ("stores", [1.0]),
+    ]:
+        yield pytest.param(protocol.encode_json(good | {key: value}), id=f"{key}={value!r}")
+    for key in good:
+        yield pytest.param(protocol.encode_json({k: v for k, v in good.items() if k != key}), id=f"no {key}")
+    for body in (b"", b"[]", b"{", b"\xff\xfe", b"null", b"[" * 10_000):
+        yield pytest.param(body, id=repr(body[:10]))
+
+
+REFUSED_HELLOS = [param for param in refused_hellos() if param.id not in ("no start_ns", "no wakes_on")]
+
+
+@pytest.mark.parametrize("body", REFUSED_HELLOS)
+def test_hello_that_is_none_is_refused_with_a_reason(bench, body):
+    bench = bench()
+    client = bench.connect()
+    client.send(protocol.HELLO, body)
+    kind, reason = bench.answer(client)
+    assert kind == protocol.REFUSED
+    assert reason.decode()
+    assert messages(client) == []
+    assert bench.server.observers == []
+
+
+@pytest.mark.parametrize("kind", [0, *range(protocol.WELCOME, protocol.END + 2), 255])
+def test_other_message_in_the_place_of_hello_is_refused(bench, kind):
+    bench = bench()
+    client = bench.connect()
+    client.send(kind, b"")
+    assert bench.answer(client)[0] == protocol.REFUSED
+
+
+@pytest.mark.parametrize(("first_timed", "second_timed"), [(True, True), (True, False), (False, False), (False, True)])
+def test_second_client_of_a_name_is_refused_by_name(bench, first_timed, second_timed):
+    bench = bench(("ping", "pong"))
+    first, kind, _ = bench.introduce("ping", first_timed)
+    assert kind == protocol.WELCOME
+    _, kind, reason = bench.introduce("ping", second_timed)
+    assert kind == protocol.REFUSED
+    assert b"'ping'" in reason
+    assert not readable(first)
+
+
+def test_timed_client_that_nobody_expects_is_refused_with_those_expected(bench):
+    bench = bench(("ping", "pong"))
+    _, kind, reason = bench.introduce("stranger", True)
+    assert kind == protocol.REFUSED
+    assert b"ping, pong" in reason
+    assert bench.server.missing() == ["ping", "pong"]
+
+
+def test_welcome_tells_bit_time_and_fidelity(bench):
+    _, _, body = bench().introduce("a")
+    assert protocol.decode_json(body) == {"bit_ns": BIT_NS, "fidelity": "bits"}
+
+
+# -- timed clients --
+
+
+def test_time_starts_where_the_earliest_says(bench):
+    bench = bench(("a", "b"))
+    nothing = (protocol.LEAVE, (0, None, []))
+    a, _, _ = bench.introduce("a", True, nothing, start_ns=-1000)
+    b, _, _ = bench.introduce("b", True, nothing, start_ns=-5000)
+    bench.server.start()
+    assert a.receive() == b.receive() == (protocol.START, protocol.encode_time(-5000))
+
+
+def test_timed_client_hears_what_it_asked_for_and_nothing_else(bench):
+    bench = bench(inline=[Chatter(3)])
+    bench.server.start()
+    woken, _, _ = bench.introduce(
+        "woken", True, *[(protocol.YIELD, (0, None, []))] * 3, (protocol.LEAVE, (0, None, [])), wakes_on=[0x100]
+    )
+    bench.introduce("deaf", True, (protocol.YIELD, (0, None, [])), wakes_on=[0x101])
+    bench.server.run(END_NS)
+    bench.server.end("")
+    granted = [protocol.decode_grant(body) for kind, body in messages(woken) if kind == protocol.GRANT]
+    assert granted == [(end_ns, [], (end_ns, 0x100, data)) for end_ns, _, data, _ in bench.log]
+    assert len(granted) == 3
+
+
+def test_null_wakes_on_every_frame(bench):
+    bench = bench(inline=[Chatter(2)])
+    bench.server.start()
+    client, _, _ = bench.introduce("all", True, *[(protocol.YIELD, (0, None, []))] * 3, wakes_on=None)
+    bench.server.run(END_NS)
+    bench.server.end("")
+    assert [kind for kind, _ in messages(client)] == [protocol.START, protocol.GRANT, protocol.GRANT, protocol.END]
+
+
+def test_frame_is_stored_for_a_client_until_it_wakes(bench):
+    bench = bench(inline=[Chatter(2)])
+    bench.server.start()
+    answers = [(protocol.YIELD, (0, 10_000_000, [])), (protocol.LEAVE, (0, None, []))]
+    client, _, _ = bench.introduce("store", True, *answers, stores=[0x100])
+    bench.server.run(END_NS)
+    bench.server.end("")
+    stored = [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log]
+    grants = [protocol.decode_grant(body) for kind, body in messages(client) if kind == protocol.GRANT]
+    assert grants == [(10_000_000, stored, None)]
+
+
+def test_run_returns_when_the_last_timed_client_has_left(bench):
+    bench = bench(("a", "b"))
+    leaving = (protocol.LEAVE, (0, None, [(0, 0x100, b"bye")]))
+    bench.introduce("a", True, (protocol.YIELD, (0, 7_000_000, [])), leaving)
+    bench.introduce("b", True, (protocol.YIELD, (0, 1_000_000, [])), leaving)
+    bench.server.start()
+    bench.server.run(1 << 50)
+    assert bench.server.deserted
+    assert 7_000_000 <= bench.kernel.now_ns < END_NS
+
+
+@pytest.mark.parametrize("before_ns", [1, 0, -1])
+def test_last_words_of_the_last_client_go_on_the_bus_whenever_it_leaves(bench, before_ns):
+    """How the server slices virtual time is nothing that the frames may depend on."""
+    bench = bench(("a",))
+    leaves_ns = server_module.SLICE_NS - before_ns
+    leaving = (protocol.LEAVE, (0, None, [(0, 0x100, b"bye")]))
+    bench.introduce("a", True, (protocol.YIELD, (0, leaves_ns, [])), leaving)
+    bench.server.start()
+    bench.server.run(END_NS)
+    assert [(identifier, data) for _, identifier, data, _ in bench.log] == [(0x100, b"bye")]
+
+
+@pytest.mark.parametrize("after_start", [True, False])
+def test_where_none_is_expected_who_comes_timed_is_waited_for(bench, after_start):
+    bench = bench()
+    if after_start:
+        bench.server.start()
+        bench.server.run(3_000_000)
+    sending = (protocol.YIELD, (0, None, [(0, 0x100, b"hello")]))
+    client, kind, _ = bench.introduce("late", True, sending)
+    assert kind == protocol.WELCOME
+    if not after_start:
+        bench.server.start()
+    bench.server.run(END_NS)
+    bench.server.end("")
+    now_ns = 3_000_000 if after_start else 0
+    assert [(identifier, data, sender) for _, identifier, data, sender in bench.log] == [(0x100, b"hello", "late")]
+    assert messages(client)[0] == (protocol.START, protocol.encode_time(now_ns))
+
+
+BREACHES = {
+    "another message": protocol.message(protocol.SEND, protocol.encode_yield((0, None, []))),
+    "a yield cut short": protocol.message(protocol.YIELD, b"\x00" * 5),
+    "bytes too many": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [])) + b"\x00"),
+    "a message too long": b"\xff\xff\xff\xff\x00",
+    "timer not ahead": protocol.message(protocol.YIELD, protocol.encode_yield((0, 1_000_000, []))),
+    "timer in the past": protocol.message(protocol.YIELD, protocol.encode_yield((0, -1, []))),
+    "nine bytes": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(0, 0x100, bytes(9))]))),
+    "a frame in the past": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(-1, 0x100, b"")]))),
+    "identifier of 12 bits": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(0, 0x800, b"")]))),
+}
+
+
+# At the start the timer may be due at once.
+CASES = [(b, w) for b in BREACHES for w in ("at the start", "later") if (b, w) != ("timer not ahead", "at the start")]
+
+
+@pytest.mark.parametrize(("breach", "when"), CASES)
+def test_client_that_breaks_the_protocol_ends_the_run_with_its_name(bench, breach, when):
+    bench = bench(("a", "b"))
+    bench.introduce("b", True, (protocol.YIELD, (0, None, [])))
+    first = [] if when == "at the start" else [(protocol.YIELD, (0, 1_000_000, []))]
+    client, _, _ = bench.introduce("a", True, *first, start_ns=1_000_000 if when == "at the start" else 0)
+    client.stream.sendall(BREACHES[breach])
+    with pytest.raises(NodeError, match=r"^a\b"):  # noqa: PT012 (either of the two may find it)
+        bench.server.start()
+        bench.server.run(END_NS)
+
+
+def test_node_that_stores_for_long_without_waking_is_handed_all(bench):
+    """More frames than a message's counter of 16 bits holds."""
+    count, granted = 66_000, []
+    bench = bench(("store",), functional=True, inline=[Chatter(count, 1)])
+    client, _, _ = bench.introduce("store", True, (protocol.YIELD, (0, 1_000_000, [])), stores=[0x100])
+    client.stream.sendall(protocol.message(protocol.YIELD, protocol.encode_yield((0, None, []))))
+    reader = threading.Thread(target=granted.extend, args=(_grants(client),))
+    reader.start()
+    try:
+        bench.server.start()
+        bench.server.run(2_000_000)
+    finally:
+        bench.server.end("")
+        reader.join()
+    assert [len(stored) for _, stored, _ in granted] == [count]
+
+
+def _grants(client):
+    """Decode grants as they come; a generator, so that the thread that consumes it does the reading."""
+    for kind, body in messages(client):
+        if kind == protocol.GRANT:
+            yield protocol.decode_grant(body)
+
+
+# -- observers --
+
+
+def test_observer_sees_every_frame_with_its_virtual_time(bench):
+    bench = bench(("ping", "pong"))
+    observer, _, _ = bench.introduce("eye")
+    bench.spawn("ping")
+    bench.spawn("pong")
+    assert bench.play() == [0, 0]
+    heard = messages(observer)
+    assert frames_in(heard) == [(end_ns, identifier, data) for end_ns, identifier, data, _ in inline_log()]
+    assert heard[-1] == (protocol.END, b"the run is over")
+    assert bench.server.deterministic
+
+
+def test_what_an_observer_sends_is_queued_and_ends_determinism(bench):
+    """It goes on the bus where time stands; the other observer hears it, its sender does not."""
+    bench = bench()
+    speaker, _, _ = bench.introduce("speaker")
+    eye, _, _ = bench.introduce("eye")
+    bench.server.start()
+    bench.server.run(5_000_000)
+    assert bench.server.deterministic
+    speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"one"), (99, 5 | EXTENDED, b"")]))
+    while bench.server.deterministic:
+        bench.server.poll(0.1)
+    bench.server.run(10_000_000)
+    bench.server.end("")
+    sent = [(identifier, data, sender) for _, identifier, data, sender in bench.log]
+    assert sorted(sent) == [(0x123, b"one", "speaker"), (5 | EXTENDED, b"", "speaker")]
+    assert all(5_000_000 < end_ns < 6_000_000 for end_ns, *_ in bench.log)
+    assert frames_in(messages(eye)) == [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log]
+    assert frames_in(messages(speaker)) == []
+
+
+def test_frame_that_an_observer_sends_before_the_start_goes_at_the_start(bench):
+    bench = bench(("a",))
+    speaker, _, _ = bench.introduce("speaker")
+    bench.introduce("a", True, (protocol.YIELD, (0, 100_000, [])), (protocol.YIELD, (0, None, [])), start_ns=50_000)
+    speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
+    while bench.server.deterministic:
+        bench.server.poll(0.1)
+    bench.server.start()
+    assert bench.kernel.now_ns == 50_000
+    bench.server.run(END_NS)
+    assert [(identifier, sender) for _, identifier, _, sender in bench.log] == [(0x123, "speaker")]
+    assert bench.log[0][0] > 50_000
+
+
+NONSENSE = {
+    "no message": b"\xff" * 100,
+    "a yield": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, []))),
+    "frames cut short": protocol.message(protocol.SEND, b"\x05\x00abc"),
+    "nine bytes": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x100, bytes(9))])),
+    "255 bytes": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x100, bytes(255))])),
+    "identifier of 12 bits": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0xFFF, b"")])),
+    "error flag of linux/can.h": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x20000001, b"")])),
+}
+
+
+@pytest.mark.parametrize("words", NONSENSE)
+def test_observer_that_sends_nonsense_is_shown_out_and_the_others_go_on(bench, words):
+    bench = bench(inline=[Chatter(20)])
+    fool, _, _ = bench.introduce("fool")
+    eye, _, _ = bench.introduce("eye")
+    bench.server.start()
+    fool.stream.sendall(NONSENSE[words])
+    bench.server.run(END_NS)
+    bench.server.end("")
+    assert [sender for *_, sender in bench.log] == ["chatter"] * 20
+    assert len(frames_in(messages(eye))) == 20
+
+
+def test_observer_that_leaves_or_dies_is_forgotten(bench):
+    bench = bench(inline=[Chatter(20)])
+    polite, _, _ = bench.introduce("polite")
+    rude, _, _ = bench.introduce("rude")
+    bench.server.start()
+    polite.send(protocol.LEAVE, b"")
+    rude.close()
+    bench.server.run(END_NS)
+    assert bench.server.observers == []
+    assert len(bench.log) == 20
+    assert bench.introduce("rude")[1] == protocol.WELCOME
+
+
+@pytest.fixture
+def slow(bench, monkeypatch):
+    """A bench with an observer that does not read, and little kept for it."""
+    monkeypatch.setattr(server_module, "OBSERVER_BYTES", 1000)
+    bench = bench(inline=[Chatter(2000)])
+    client, _, _ = bench.introduce("slow")
+    bench.server.observers[0].connection.stream.setsockopt(
+        server_module.socket.SOL_SOCKET, server_module.socket.SO_SNDBUF, 4096
+    )
+    return bench, client
+
+
+def test_observer_that_never_reads_holds_nobody_and_what_it_misses_is_counted(slow):
+    bench, client = slow
+    bench.server.start()
+    bench.server.run(1_000_000_000)
+    assert len(bench.log) == 2000
+    lost = bench.server.lost_frames
+    assert lost > 0
+    heard = []
+    while bench.server.observers[0].unsent or readable(client):
+        bench.server.poll(0.0)
+        while readable(client):
+            client.fill()
+            while (message := client.next_message()) is not None:
+                heard.append(message)
+    received = frames_in(heard)
+    assert len(received) + bench.server.lost_frames == 2000
+    assert received == [frame for frame in [entry[:3] for entry in bench.log] if frame in set(received)]
+    client.close()
+    bench.server.poll(0.1)
+    assert bench.server.observers == []
+    assert bench.server.lost_frames == lost
+    assert bench.server.deterministic
+
+
+def test_what_an_observer_has_not_taken_by_the_end_is_counted_as_lost(slow, monkeypatch):
+    bench, client = slow
+    bench.server.start()
+    bench.server.run(1_000_000_000)
+    seconds = iter(range(1000))
+    monkeypatch.setattr(server_module, "time", SimpleNamespace(monotonic=lambda: float(next(seconds))))
+    bench.server.end("")
+    assert len(frames_in(messages(client))) + bench.server.lost_frames >= 2000
