@@ -12,7 +12,8 @@ MAX_U8, MAX_U16, MAX_U32 = 0xFF, 0xFFFF, 0xFFFFFFFF
 class Status:
     """The turns of one node: `number` names its frames, `turn` of `turns` its cycles.
 
-    tail_ns: how long before the end of the cycle the frame is queued.
+    tail_ns: how long before the end of the cycle the frame is queued. A node that is later than that skips its turn,
+    which `skipped` counts.
     """
 
     def __init__(self, codec: Codec, number: int, turn: int, turns: int, period_ns: int, tail_ns: int) -> None:
@@ -23,6 +24,7 @@ class Status:
         self.period_ns = period_ns
         self.tail_ns = tail_ns
         self.cycles = 0
+        self.skipped = 0
 
     def sends(
         self, now_ns: int, state: int, fault: int, saturations: int, strikes: int, missed: int, version: int
@@ -33,6 +35,9 @@ class Status:
         if cycle % self.turns != self.turn:
             return []
         delay_ns = (cycle + 1) * self.period_ns - self.tail_ns - now_ns
+        if delay_ns < 0:
+            self.skipped += 1
+            return []
         if cycle // self.turns % 2 == 0:
             counters = min(saturations, MAX_U16), min(strikes, MAX_U8), min(missed, MAX_U8)
             data = self.state.pack(state, fault, *counters, cycle & 0xFF)

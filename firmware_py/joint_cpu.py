@@ -32,14 +32,15 @@ def make_step(words):
     """
     multiply, add, subtract = words.multiply, words.add, words.subtract
     wrap, saturate, saturate_double, limit = words.wrap, words.saturate, words.saturate_double, words.limit
-    shift_right, shift_left, high_of, to_high = words.shift_right, words.shift_left, words.high_of, words.to_high
+    shift_left, high_of, to_high = words.shift_left, words.high_of, words.to_high
+    nearest = words.shift_right_nearest
 
     def step(count, count_prev, w_prev, d, a_ref, ka, kb, kj, shift, current_limit):
         w = wrap(W, subtract(count, count_prev))
         dw = wrap(DW, subtract(w, w_prev))
         d = saturate_double(D, subtract(d, to_high(saturate(KB_DW, multiply(kb, dw)))))
         estimate = high_of(d)
-        i = limit(CURRENT, add(shift_right(multiply(kj, a_ref), shift), estimate), current_limit)
+        i = limit(CURRENT, add(nearest(multiply(kj, a_ref), shift), estimate), current_limit)
         error = saturate(ERROR, subtract(i, estimate))
         d = saturate_double(D, add(d, shift_left(multiply(ka, error), 1)))
         return w, d, i, estimate
@@ -95,6 +96,7 @@ class JointCPU:
         self.strikes = 0
         self.strikes_in_a_row = 0
         self.missed_encoders = 0
+        self.repeated_encoders = 0
 
     # -- what the driver calls --
 
@@ -118,6 +120,9 @@ class JointCPU:
             self.crc_errors += 1
             return 0, self.timer_ns, []
         count, cycle = fields
+        if self.state == RUN and cycle == self.cycle:
+            self.repeated_encoders += 1
+            return 0, self.timer_ns, []
         sends = self._take_parameter()
         self._follow(count, cycle, now_ns)
         i = estimate = 0
@@ -174,6 +179,7 @@ class JointCPU:
                 return
             self.a_ref = fields[self.reference_index]
             self.state = RUN
+            self.strikes_in_a_row = 0
             self.preset(count)
         elif self.state == RUN:
             self._count_misses(count, cycle)
@@ -186,9 +192,12 @@ class JointCPU:
         if self.reference_data is None:
             return None
         fields = self.accel_ref.unpack(self.reference_data)
-        if fields is None or fields[-1] != (cycle - 1) & 0xFF:
-            return None
-        return fields
+        if fields is None:
+            self.crc_errors += 1
+            self.reference_data = None
+        elif fields[-1] == (cycle - 1) & 0xFF:
+            return fields
+        return None
 
     def _count_misses(self, count, cycle):
         missed = (cycle - self.cycle - 1) & 0xFF
@@ -245,6 +254,8 @@ class JointCPU:
         index, value, version = fields
         if self.state in (INIT, READY) and index <= TABLE_CRC:
             self._write_parameter(index, value, version)
+        if index < TABLE_CRC:
+            value = self.table[index]  # what stands there, whatever was asked
         answer = self.acknowledge.pack(index, value, version, self.table_crc())
         return [(self.compute_ns, self.acknowledge.identifier, answer)]
 
@@ -283,8 +294,10 @@ class JointCPU:
         """Counters of the emulated system, by cause."""
         return {
             "fault": FAULTS[self.fault] if self.fault else "",
+            "skipped_status": self.status.skipped,
             "crc_errors": self.crc_errors,
             "strikes": self.strikes,
             "missed_encoders": self.missed_encoders,
+            "repeated_encoders": self.repeated_encoders,
             "saturations": {name: self.words.saturations[k] for k, name in enumerate(SIGNALS)},
         }

@@ -1,12 +1,13 @@
 """Word arithmetic of the target CPU: the only place where a number is rounded, wrapped or saturated.
 
 A word has `bits` bits, two's complement (16 on the 8086); a double has twice as many. Products of two words and sums of
-doubles are exact until one of the operations below says how they return to their size; every shift floors.
+doubles are exact until one of the operations below says how they return to their size; shifts floor unless they are
+named otherwise.
 Signals are named by a small integer (an index into the caller's table of names), so that the same source runs under
 Numba and MicroPython.
 
 Ref: Intel 8086 Family User's Manual 1979, IMUL, ADD/ADC, SAR.
-Not implemented: division, rounding other than floor.
+Not implemented: division, rounding other than floor and to the nearest (halves up).
 """
 
 
@@ -60,6 +61,10 @@ class Words:
         def shift_right(x, count):
             return x >> count
 
+        def shift_right_nearest(x, count):
+            # On the 8086 one ADC 0 behind the last SAR: the bit shifted out is in the carry flag.
+            return x + (1 << count >> 1) >> count
+
         def shift_left(x, count):
             return x << count
 
@@ -71,7 +76,8 @@ class Words:
 
         self.multiply, self.add, self.subtract = multiply, add, subtract
         self.wrap, self.saturate, self.saturate_double, self.limit = wrap, saturate, saturate_double, limit
-        self.shift_right, self.shift_left, self.high_of, self.to_high = shift_right, shift_left, high_of, to_high
+        self.shift_right, self.shift_right_nearest, self.shift_left = shift_right, shift_right_nearest, shift_left
+        self.high_of, self.to_high = high_of, to_high
 
 
 class InstrumentedWords(Words):

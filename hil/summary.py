@@ -21,7 +21,15 @@ STOP_REASONS = {
 }
 STOP_IDENTIFIER = 0x010
 LOST_BY = ("crc_errors",)
-MISSED_BY = ("strikes", "missed_encoders", "late_currents", "missed_currents", "repeated_parameters")
+MISSED_BY = (
+    "skipped_status",
+    "strikes",
+    "missed_encoders",
+    "late_currents",
+    "missed_currents",
+    "repeated_parameters",
+    "repeated_encoders",
+)
 
 
 def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float) -> dict[str, Any]:

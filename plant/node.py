@@ -142,6 +142,7 @@ class Plant:
         joints = range(1, len(self.encoders) + 1)
         columns = [f"{name}_{n}" for name in names for n in joints] + ["payload_kg"]
         return {
+            "skipped_status": self.status.skipped,
             "crc_errors": self.crc_errors,
             "late_currents": self.late_currents,
             "missed_currents": {f"joint{n}": self.missed_currents[n - 1] for n in joints},

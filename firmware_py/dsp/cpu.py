@@ -184,7 +184,8 @@ class DSP:
         """Counters of the emulated system, by cause."""
         return {
             "fault": self.message,
-            "crc_errors": self.crc_errors,
+            "skipped_status": self.status.skipped,
+            "crc_errors": self.crc_errors + self.setup.crc_errors,
             "missed_encoders": self.missed_encoders,
             "repeated_parameters": self.setup.repeats,
             "saturations": {f"AccelRef joint{n}": count for n, count in enumerate(self.reference_saturations, start=1)},

@@ -28,7 +28,9 @@ class Setup:
         self.joint = 0
         self.index = 0
         self.age = 0
+        self.sent = False
         self.repeats = 0
+        self.crc_errors = 0
         self.answers = {frame.identifier: n for n, frame in enumerate(self.acknowledge)}
 
     @staticmethod
@@ -45,6 +47,7 @@ class Setup:
         """Take an acknowledgement; go on to the next entry if it is the one awaited."""
         joint = self.answers[identifier]
         fields = self.acknowledge[joint].unpack(data)
+        self.crc_errors += fields is None
         if fields is None or self.complete or joint != self.joint:
             return
         index, value, version, table_crc = fields
@@ -52,6 +55,7 @@ class Setup:
         if (index, value, version) != (self.index, table[self.index], self.version):
             return
         self.age = 0
+        self.sent = False
         self.index += 1
         if self.index == len(table):
             confirmed = to_int16(table_crc) == table[-1]
@@ -63,9 +67,10 @@ class Setup:
         if self.complete:
             return None
         due = self.age == 0
-        self.repeats += self.age == CYCLES_TO_REPEAT
         self.age = (self.age + 1) % (CYCLES_TO_REPEAT + 1)
         if not due:
             return None
+        self.repeats += self.sent
+        self.sent = True
         frame = self.parameter[self.joint]
         return frame.identifier, frame.pack(self.index, self.tables[self.joint][self.index], self.version)

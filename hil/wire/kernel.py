@@ -164,6 +164,8 @@ class Kernel:
         for delay_ns, identifier, data in sends:
             if delay_ns == 0 or functional:
                 self._queue((port, identifier, data))
+            elif delay_ns < 0:
+                raise NodeError(f"{port.participant.name}: a frame queued {-delay_ns} ns ago: ask for 0 ns or more")
             else:
                 self._at(now_ns + delay_ns, QUEUE, port, self._queue, (port, identifier, data))
         if timer_ns != port.timer_ns:

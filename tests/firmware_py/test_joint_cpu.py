@@ -161,7 +161,7 @@ def test_first_current_is_the_reference_alone(make_bench, number, value):
     first = [0, 0, 0]
     first[number - 1] = value
     _, _, kj, shift, limit = bench.table
-    expected = max(-limit, min(limit, kj * value >> shift))
+    expected = max(-limit, min(limit, kj * value + (1 << shift >> 1) >> shift))
     assert bench.current(bench.start(first, count=54321)) == (expected, 0, 0)
     assert bench.cpu.state == RUN
     assert bench.timer_ns == 140_000 + 3_500_000
@@ -224,7 +224,7 @@ def test_takes_its_own_value_of_the_cycle_before(make_bench, number):
         reference, estimate, echoed = bench.current(bench.encoder(cycle, 0))
         assert echoed == cycle % 256
         assert bench.cpu.a_ref == values[number - 1]
-        assert reference == max(-16384, min(16384, (kj * values[number - 1] >> shift) + estimate))
+        assert reference == max(-16384, min(16384, (kj * values[number - 1] + (1 << shift >> 1) >> shift) + estimate))
     assert bench.cpu.strikes == bench.cpu.missed_encoders == 0
     assert bench.cpu.state == RUN
 
