@@ -242,7 +242,7 @@ class Kernel:
             if port is not sender:
                 port.inbox.append(((now_ns, identifier, data), wakes))
                 if wakes:
-                    self._at(max(now_ns, port.busy_until_ns), WAKE, port, self._frame_due, port)
+                    self._at(now_ns, WAKE, port, self._frame_due, port)
         for watcher in self.watchers:
             watcher(now_ns, identifier, data, sender.participant.name)
         self._free_from_ns = now_ns + INTERMISSION_BITS * self.bit_ns

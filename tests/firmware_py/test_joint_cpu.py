@@ -580,3 +580,23 @@ def test_nominal_run_leaves_a_factor_of_two_of_room(make_bench, paper_run, numbe
         assert max(-low, high) <= room, name
     assert words.multiplications == 3 * 1500
     assert words.additions == 6 * 1500
+
+
+def test_a_repeated_encoder_is_counted_and_not_answered_twice(bench):
+    """CAN may deliver a frame twice (an error at the last bit of EOF); a difference of none is no speed."""
+    bench.start()
+    drive(bench, 3)
+    w, d = bench.cpu.w_prev, bench.cpu.d
+    assert bench.encoder(3, 0) == []
+    assert (bench.cpu.w_prev, bench.cpu.d) == (w, d)
+    assert bench.cpu.report()["repeated_encoders"] == 1
+    assert bench.cpu.report()["missed_encoders"] == 0
+
+
+def test_a_refused_parameter_is_answered_with_what_stands_there(bench, tables):
+    bench.start()
+    drive(bench, 3)
+    bench.send_parameter(0, 1)
+    bench.reference(3, 0, 0, 0)
+    (answer,) = [fields for name, _, fields in bench.encoder(4, 0) if name == "Acknowledge"]
+    assert answer[:2] == (0, tables[bench.number - 1][0])
