@@ -42,8 +42,17 @@ def socket_path(channel: str) -> Path:
 
 
 def names() -> list[str]:
-    """Return the channels on which a bus runs now."""
-    return sorted(path.stem for path in folder().glob("*.sock") if _is_locked(path.with_suffix(".lock")))
+    """Return the channels on which a bus runs now: those that take a connection."""
+    return sorted(path.stem for path in folder().glob("*.sock") if _listens(path))
+
+
+def _listens(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return False
+    return True
 
 
 class Listener:
@@ -59,12 +68,16 @@ class Listener:
             self.path.chmod(0o600)
         except OSError as error:
             self.close()
-            raise ChannelError(f"channel {channel!r}: cannot listen at {self.path}: {error.strerror}") from None
+            raise ChannelError(
+                f"channel {channel!r}: cannot listen at {self.path}: {error.strerror or error}"
+            ) from None
         self.socket.listen(BACKLOG)
         self.socket.setblocking(False)
 
     def close(self) -> None:
-        """Give the channel back."""
+        """Give the channel back; twice is once."""
+        if self._lock.closed:
+            return
         self.socket.close()
         self.path.unlink(missing_ok=True)
         self.path.with_suffix(".lock").unlink(missing_ok=True)
@@ -83,17 +96,6 @@ def _take_lock(path: Path, channel: str) -> IO[str]:
     return lock
 
 
-def _is_locked(path: Path) -> bool:
-    if not path.exists():
-        return False
-    with path.open() as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-    return False
-
-
 def connect(channel: str) -> socket.socket:
     """Return a connected socket; raise ChannelError if no bus is there."""
     path = socket_path(channel)
@@ -108,5 +110,5 @@ def connect(channel: str) -> socket.socket:
         ) from None
     except OSError as error:
         client.close()
-        raise ChannelError(f"channel {channel!r}: {error.strerror}") from None
+        raise ChannelError(f"channel {channel!r}: cannot reach {path}: {error.strerror or error}") from None
     return client

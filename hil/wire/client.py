@@ -31,7 +31,7 @@ def join(
     }
     try:
         connection.send(protocol.HELLO, protocol.encode_json(hello))
-        kind, body = connection.receive()
+        kind, body = connection.receive_one()
     except protocol.Closed:
         connection.close()
         raise ChannelError(f"channel {name!r}: the bus closed the connection; is it ending?") from None

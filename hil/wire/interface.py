@@ -4,7 +4,7 @@ An observer (the default) sees every frame and is never waited for. With `timed=
 time passes for it only inside `recv`, whose timeout is virtual; `send` takes no time. Timestamps are virtual seconds
 since cycle 0.
 
-Not implemented: CAN FD, filters at the server, periodic sending in virtual time.
+Not implemented: CAN FD, own messages received, filters at the server, periodic sending in virtual time.
 """
 
 import os
@@ -37,8 +37,14 @@ class HilBus(can.BusABC):
         name: str | None = None,
         wait_s: float = 0.0,
         can_filters: can.typechecking.CanFilters | None = None,
+        fd: bool = False,
+        receive_own_messages: bool = False,
         **kwargs: object,
     ) -> None:
+        if fd or receive_own_messages:
+            self._is_shutdown = True
+            option = "fd" if fd else "receive_own_messages"
+            raise can.CanInitializationError(f"hil: {option}=True is not supported: leave it out")
         self.channel_info = f"hil channel {channel}"
         self._channel = channel
         self.timed = str(timed).lower() in ("true", "1", "yes")
@@ -46,7 +52,7 @@ class HilBus(can.BusABC):
         self._connection = self._join(float(wait_s))
         self._received: deque[Arrival] = deque()
         self._sends: list[Send] = []
-        self._now_ns: int | None = None
+        self._now_ns = 0
         self._may_yield = False
         self._closed = False
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
@@ -80,66 +86,70 @@ class HilBus(can.BusABC):
         except protocol.Closed:
             raise can.CanOperationError(f"{self.channel_info}: the bus has ended") from None
 
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next frame that the filters let pass; None when the timeout is over, virtual if timed."""
+        if not self.timed:
+            return super().recv(timeout)
+        self._begin()
+        deadline_ns = None if timeout is None else self._now_ns + round(timeout * 1e9)
+        while True:
+            while self._received:
+                message = to_message(*self._received.popleft(), self._channel)
+                if self._matches_filters(message):
+                    return message
+            if deadline_ns is not None and deadline_ns <= self._now_ns:
+                return None
+            self._pass_time(deadline_ns)
+
+    def _begin(self) -> None:
+        """Time begins with the first call that waits."""
+        if not self._may_yield:
+            self._now_ns = self._await(protocol.START)
+
+    def _pass_time(self, until_ns: int | None) -> None:
+        """Yield until a frame comes, or until this virtual instant."""
+        self._say(protocol.YIELD, protocol.encode_yield((0, until_ns, self._sends)))
+        self._sends = []
+        self._now_ns = self._await(protocol.GRANT)
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._received:
-            if self.timed:
-                self._pass_time(timeout)
-            else:
-                self._listen(timeout)
+            self._listen(timeout)
         if not self._received:
             return None, False
         return to_message(*self._received.popleft(), self._channel), False
 
-    def _pass_time(self, timeout: float | None) -> None:
-        """Yield until a frame or the virtual timeout; time begins with the first call."""
-        if self._now_ns is None:
-            self._now_ns = self._await(protocol.START)
-        if timeout is not None and timeout <= 0.0 and not self._sends:
-            return
-        timer_ns = None if timeout is None else self._now_ns + max(1, round(timeout * 1e9))
-        self._say(protocol.YIELD, protocol.encode_yield((0, timer_ns, self._sends)))
-        self._sends = []
-        self._await(protocol.GRANT)
-
     def _await(self, wanted: int) -> int:
         try:
             kind, body = self._connection.receive()
-        except protocol.Closed:
-            kind, body = protocol.END, b"it is gone"
-        if kind == protocol.END:
-            raise can.CanOperationError(f"{self.channel_info}: the bus has ended: {body.decode(errors='replace')}")
+        except (protocol.Closed, protocol.ProtocolError) as error:
+            kind, body = protocol.END, str(error).encode() or b"it is gone"
         if kind != wanted:
-            raise can.CanOperationError(f"{self.channel_info}: unexpected message {kind} of the bus")
+            raise self._ended(kind, body)
         self._may_yield = True
         if kind == protocol.START:
             return protocol.decode_time(body)
-        self._now_ns, stored, cause = protocol.decode_grant(body)
-        self._received.extend(stored)
-        if cause is not None:
-            self._received.append(cause)
-        return self._now_ns
+        now_ns, stored, cause = protocol.decode_grant(body)
+        self._received.extend(stored if cause is None else [*stored, cause])
+        return now_ns
 
     def _listen(self, timeout: float | None) -> None:
-        """Wait in wall time for frames."""
-        deadline = None if timeout is None else time.monotonic() + timeout
-        while not self._received:
-            message = self._connection.next_message()
-            if message is None:
-                left = None if deadline is None else max(0.0, deadline - time.monotonic())
-                if not select.select([self._connection], [], [], left)[0]:
-                    return
-                self._fill()
-                continue
-            kind, body = message
-            if kind == protocol.END:
-                raise can.CanOperationError(f"{self.channel_info}: the bus has ended: {body.decode(errors='replace')}")
-            self._received.extend(protocol.decode_frames(body))
-
-    def _fill(self) -> None:
+        """Wait in wall time for a frame."""
+        if not select.select([self._connection], [], [], timeout)[0]:
+            return
         try:
-            self._connection.fill()
-        except protocol.Closed:
-            raise can.CanOperationError(f"{self.channel_info}: the bus has ended: it is gone") from None
+            kind, body = self._connection.receive_one()
+            if kind == protocol.FRAMES:
+                self._received.extend(protocol.decode_frames(body))
+                return
+        except (protocol.Closed, protocol.ProtocolError) as error:
+            kind, body = protocol.END, str(error).encode() or b"it is gone"
+        raise self._ended(kind, body)
+
+    def _ended(self, kind: int, body: bytes) -> can.CanOperationError:
+        if kind == protocol.END:
+            return can.CanOperationError(f"{self.channel_info}: the bus has ended: {body.decode(errors='replace')}")
+        return can.CanOperationError(f"{self.channel_info}: unexpected message {kind} of the bus")
 
     def fileno(self) -> int:
         """Return the socket's descriptor."""
@@ -152,9 +162,9 @@ class HilBus(can.BusABC):
             return
         self._closed = True
         try:
-            if self.timed and self._may_yield:
+            if self.timed:
                 self._connection.send(protocol.LEAVE, protocol.encode_yield((0, None, self._sends)))
-            elif not self.timed:
+            else:
                 self._connection.send(protocol.LEAVE, b"")
         except protocol.Closed:
             pass

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 from hil.errors import NodeError
 from hil.node import Reaction
-from hil.wire.bits import INTERMISSION_BITS, frame_bits
+from hil.wire.bits import INTERMISSION_BITS, LONGEST_DATA, frame_bits
 
 EXTENDED = 0x80000000
 REMOTE = 0x40000000
@@ -54,6 +54,14 @@ class Participant(Protocol):
 
     def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
         """Hand over the frames stored since the last wake-up, then the frame that wakes (None: the timer)."""
+
+
+def is_identifier(identifier: int) -> bool:
+    """Return whether this is an identifier of 11 or 29 bits with no flags but EXTENDED and REMOTE."""
+    if 0 <= identifier <= STANDARD_MASK:
+        return True
+    number = identifier & ~(EXTENDED | REMOTE)
+    return 0 <= number <= (EXTENDED_MASK if identifier & EXTENDED else STANDARD_MASK)
 
 
 def arbitration_key(identifier: int) -> int:
@@ -99,8 +107,8 @@ class Kernel:
         self.stopped = False
         self.bits_on_wire = 0
         self.waking = ""
-        self._agenda: list[tuple[int, int, int, int, Callable[[Any], None], Any]] = []
-        self._pending: list[tuple[int, int, int, int, bytes]] = []
+        self._agenda: list[tuple[int, int, int, int, int, Callable[[Any], None], Any]] = []
+        self._pending: list[tuple[int, int, int, int, int, bytes]] = []
         self._sequence = 0
         self._idle = True
         self._free_from_ns = -(1 << 63)
@@ -126,13 +134,15 @@ class Kernel:
     def begin(self, port: Port) -> None:
         """Tell one participant that its time begins now."""
         self.waking = port.participant.name
-        self._react(port, port.participant.start(self.now_ns))
+        reaction = port.participant.start(self.now_ns)
+        self._check_timer(reaction, self.now_ns)
+        self._react(port, reaction)
 
     def run(self, until_ns: int) -> None:
         """Carry out everything due up to and at until_ns, or until stopped."""
         agenda = self._agenda
         while agenda and not self.stopped and agenda[0][0] <= until_ns:
-            self.now_ns, _, _, _, action, argument = heappop(agenda)
+            self.now_ns, _, _, _, _, action, argument = heappop(agenda)
             action(argument)
         if not self.stopped:
             self.now_ns = max(self.now_ns, until_ns)
@@ -144,14 +154,25 @@ class Kernel:
 
     def send(self, port: Port, identifier: int, data: bytes) -> None:
         """Queue a frame from outside of the kernel's own time, now."""
-        self._at(self.now_ns, QUEUE, port, self._queue, (port, identifier, data))
+        self._sequence += 1
+        self._at(self.now_ns, QUEUE, port, self._queue, (port, self._sequence, identifier, data))
 
     # -- the agenda --
 
-    def _at(self, t_ns: int, phase: int, port: Port | None, action: Callable[[Any], None], argument: Any) -> None:
+    def _at(
+        self,
+        t_ns: int,
+        phase: int,
+        port: Port | None,
+        action: Callable[[Any], None],
+        argument: Any,
+        due_ns: int | None = None,
+    ) -> None:
+        """Put an action on the agenda. due_ns: since when it is due, for what had to wait for a node that computed."""
         self._sequence += 1
         order = -1 if port is None else port.order
-        heappush(self._agenda, (t_ns, phase, order, self._sequence, action, argument))
+        due_ns = t_ns if due_ns is None else due_ns
+        heappush(self._agenda, (t_ns, phase, order, due_ns, self._sequence, action, argument))
 
     # -- the nodes --
 
@@ -159,15 +180,21 @@ class Kernel:
         busy_ns, timer_ns, sends = reaction
         now_ns = self.now_ns
         functional = self.functional
+        if busy_ns < 0:
+            raise NodeError(f"{self.waking}: computing for {busy_ns} ns: ask for 0 ns or more")
         if not functional:
             port.busy_until_ns = now_ns + busy_ns
         for delay_ns, identifier, data in sends:
+            self._sequence += 1
+            if delay_ns < 0 or len(data) > LONGEST_DATA or not is_identifier(identifier):
+                raise NodeError(
+                    f"{self.waking}: frame 0x{identifier:X} of {len(data)} bytes in {delay_ns} ns cannot be sent: "
+                    "11 or 29 bits of identifier, 0 to 8 bytes, 0 ns or more"
+                )
             if delay_ns == 0 or functional:
-                self._queue((port, identifier, data))
-            elif delay_ns < 0:
-                raise NodeError(f"{port.participant.name}: a frame queued {-delay_ns} ns ago: ask for 0 ns or more")
+                self._queue((port, self._sequence, identifier, data))
             else:
-                self._at(now_ns + delay_ns, QUEUE, port, self._queue, (port, identifier, data))
+                self._at(now_ns + delay_ns, QUEUE, port, self._queue, (port, self._sequence, identifier, data))
         if timer_ns != port.timer_ns:
             port.timer_ns = timer_ns
             if timer_ns is not None:
@@ -178,14 +205,15 @@ class Kernel:
         if port.timer_ns != timer_ns:
             return
         if port.busy_until_ns > self.now_ns:
-            self._at(port.busy_until_ns, WAKE, port, self._timer, entry)
+            self._at(port.busy_until_ns, WAKE, port, self._timer, entry, timer_ns)
             return
         port.timer_ns = None
         self._wake(port, None)
 
     def _frame_due(self, port: Port) -> None:
         if port.busy_until_ns > self.now_ns:
-            self._at(port.busy_until_ns, WAKE, port, self._frame_due, port)
+            end_ns = next(arrival[0] for arrival, wakes in port.inbox if wakes)
+            self._at(port.busy_until_ns, WAKE, port, self._frame_due, port, end_ns)
             return
         self._wake(port, port)
 
@@ -194,29 +222,31 @@ class Kernel:
         stored = port.take()
         cause = None if frame_from is None else port.inbox.popleft()[0]
         reaction = port.participant.wake(self.now_ns, stored, cause)
+        self._check_timer(reaction, self.now_ns + 1)
+        self._react(port, reaction)
+
+    def _check_timer(self, reaction: Reaction, earliest_ns: int) -> None:
         timer_ns = reaction[1]
-        if timer_ns is not None and timer_ns <= self.now_ns:
+        if timer_ns is not None and timer_ns < earliest_ns:
             raise NodeError(
-                f"{port.participant.name}: timer asked for at {timer_ns} ns, but it is already {self.now_ns} ns: "
+                f"{self.waking}: timer asked for at {timer_ns} ns, but it is already {self.now_ns} ns: "
                 "ask for a later instant"
             )
-        self._react(port, reaction)
 
     # -- the bus --
 
-    def _queue(self, entry: tuple[Port, int, bytes]) -> None:
+    def _queue(self, entry: tuple[Port, int, int, bytes]) -> None:
         """Let a frame enter arbitration, at the earliest when all of this instant are queued."""
-        port, identifier, data = entry
-        self._sequence += 1
+        port, sequence, identifier, data = entry
         key = identifier << 21 if identifier <= STANDARD_MASK else arbitration_key(identifier)
-        heappush(self._pending, (key, port.order, self._sequence, identifier, data))
+        heappush(self._pending, (key, port.order, self.now_ns, sequence, identifier, data))
         if self._idle:
             self._idle = False
             self._at(max(self.now_ns, self._free_from_ns), ARBITRATE, None, self._arbitrate, None)
 
     def _arbitrate(self, _: None) -> None:
         """Start the frame that wins."""
-        _key, order, _sequence, identifier, data = heappop(self._pending)
+        _key, order, _queued_ns, _sequence, identifier, data = heappop(self._pending)
         end_ns = self.now_ns
         if not self.functional:
             bits = self._bits(identifier, data)

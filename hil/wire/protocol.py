@@ -23,19 +23,20 @@ import struct
 from typing import Any
 
 from hil.node import Reaction
-from hil.wire.kernel import Arrival
+from hil.wire.bits import LONGEST_DATA
+from hil.wire.kernel import Arrival, is_identifier
 
 HELLO, WELCOME, REFUSED, START, GRANT, YIELD, LEAVE, FRAMES, SEND, END = range(1, 11)
 
-LONGEST_MESSAGE = 1 << 20
+LONGEST_MESSAGE = 1 << 24
 NO_TIMER = -(1 << 63)
 RECEIVE_BYTES = 1 << 16
 
 _PREFIX = struct.Struct("<IB")
 _TIME = struct.Struct("<q")
-_GRANT = struct.Struct("<qBH")
-_YIELD = struct.Struct("<qqH")
-_COUNT = struct.Struct("<H")
+_GRANT = struct.Struct("<qBI")
+_YIELD = struct.Struct("<qqI")
+_COUNT = struct.Struct("<I")
 _FRAME = struct.Struct("<qIB")
 FRAME_HEADER = _FRAME.size
 
@@ -73,6 +74,22 @@ class Connection:
             if message is not None:
                 return message
             self.fill()
+
+    def receive_one(self) -> tuple[int, bytes]:
+        """Return the next message and read no byte of the one behind it, so that the socket tells if there is one."""
+        length, kind = _PREFIX.unpack(self._exactly(_PREFIX.size))
+        if not 1 <= length <= LONGEST_MESSAGE:
+            raise ProtocolError(f"message of {length} bytes: 1 to {LONGEST_MESSAGE} are allowed")
+        return kind, self._exactly(length - 1)
+
+    def _exactly(self, count: int) -> bytes:
+        try:
+            data = self.stream.recv(count, socket.MSG_WAITALL) if count else b""
+        except ConnectionResetError as error:
+            raise Closed from error
+        if len(data) < count:
+            raise Closed
+        return data
 
     def fill(self) -> None:
         """Read what there is; raise Closed at the end of the stream."""
@@ -150,6 +167,8 @@ def decode_grant(body: bytes) -> tuple[int, list[Arrival], Arrival | None]:
     except struct.error:
         raise ProtocolError("GRANT cut short") from None
     frames = _decode_frames(body, _GRANT.size, count)
+    if by_frame and not frames:
+        raise ProtocolError("GRANT by a frame that it does not bring")
     return now_ns, frames, frames.pop() if by_frame else None
 
 
@@ -194,6 +213,8 @@ def _decode_frames(body: bytes, start: int, count: int) -> list[Arrival]:
     try:
         for _ in range(count):
             time_ns, identifier, length = unpack(body, start)
+            if length > LONGEST_DATA or not is_identifier(identifier):
+                raise ProtocolError(f"frame of identifier 0x{identifier:X} with {length} bytes is none")
             end = start + FRAME_HEADER + length
             frames.append((time_ns, identifier, body[start + FRAME_HEADER : end]))
             start = end
