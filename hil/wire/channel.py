@@ -25,6 +25,8 @@ def folder() -> Path:
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         owner = path.stat().st_uid
+        if owner == os.getuid():
+            path.chmod(0o700)
     except OSError as error:
         raise ChannelError(f"channel directory {path}: {error.strerror}; set XDG_RUNTIME_DIR to one of yours") from None
     if owner != os.getuid():
@@ -80,8 +82,7 @@ class Listener:
             return
         self.socket.close()
         self.path.unlink(missing_ok=True)
-        self.path.with_suffix(".lock").unlink(missing_ok=True)
-        self._lock.close()
+        self._lock.close()  # the file stays: who unlinks a lock may unlink another's
 
 
 def _take_lock(path: Path, channel: str) -> IO[str]:

@@ -135,7 +135,7 @@ class Kernel:
         """Tell one participant that its time begins now."""
         self.waking = port.participant.name
         reaction = port.participant.start(self.now_ns)
-        self._check_timer(reaction, self.now_ns)
+        self._check_timer(port, reaction, self.now_ns)
         self._react(port, reaction)
 
     def run(self, until_ns: int) -> None:
@@ -222,12 +222,13 @@ class Kernel:
         stored = port.take()
         cause = None if frame_from is None else port.inbox.popleft()[0]
         reaction = port.participant.wake(self.now_ns, stored, cause)
-        self._check_timer(reaction, self.now_ns + 1)
+        self._check_timer(port, reaction, self.now_ns + 1)
         self._react(port, reaction)
 
-    def _check_timer(self, reaction: Reaction, earliest_ns: int) -> None:
+    def _check_timer(self, port: Port, reaction: Reaction, earliest_ns: int) -> None:
+        """Refuse a timer that would never move time on; one that fell due while the node computed may be kept."""
         timer_ns = reaction[1]
-        if timer_ns is not None and timer_ns < earliest_ns:
+        if timer_ns is not None and timer_ns < earliest_ns and timer_ns != port.timer_ns:
             raise NodeError(
                 f"{self.waking}: timer asked for at {timer_ns} ns, but it is already {self.now_ns} ns: "
                 "ask for a later instant"

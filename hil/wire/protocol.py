@@ -83,12 +83,15 @@ class Connection:
         return kind, self._exactly(length - 1)
 
     def _exactly(self, count: int) -> bytes:
-        try:
-            data = self.stream.recv(count, socket.MSG_WAITALL) if count else b""
-        except ConnectionResetError as error:
-            raise Closed from error
-        if len(data) < count:
-            raise Closed
+        data = b""
+        while len(data) < count:  # a signal may cut even MSG_WAITALL short
+            try:
+                part = self.stream.recv(count - len(data), socket.MSG_WAITALL)
+            except ConnectionResetError as error:
+                raise Closed from error
+            if not part:
+                raise Closed
+            data += part
         return data
 
     def fill(self) -> None:

@@ -143,6 +143,8 @@ class Server:
         elif hello["timed"] and self.expect and name not in self.expect:
             expected = ", ".join(self.expect)
             self._refuse(connection, f"time waits for {expected} only: join with timed=False")
+        elif not hello["timed"] and name in self.expect:
+            self._refuse(connection, f"time waits for a timed client of the name {name!r}: take another")
         else:
             self._welcome(connection)
             if hello["timed"]:

@@ -460,12 +460,12 @@ def test_client_may_come_before_the_bus(wire, join):
         assert len(received(eye)) == 3
 
 
-def test_clients_without_a_name_get_different_ones(wire):
-    wire = wire(observers=3)
-    buses = [can.Bus(interface="hil", channel="arm") for _ in range(2)]
+def test_clients_without_a_name_get_different_ones(wire, join):
+    wire = wire(observers=2, end_ns=SECOND_NS)
+    join(None)
+    join(None)
+    assert wire.shown.wait(GUARD_S)
     assert len({observer.name for observer in wire.server.observers}) == 2
-    for bus in buses:
-        bus.shutdown()
 
 
 @pytest.mark.usefixtures("wire")
@@ -485,8 +485,9 @@ def test_bus_goes_by_its_channel(wire, join):
 
 def test_bus_that_says_nonsense_is_an_operation_error(wire, join):
     """A FRAMES message that does not decode."""
-    wire = wire(observers=2)
+    wire = wire(observers=1, end_ns=SECOND_NS)
     eye = join("eye")
+    assert wire.shown.wait(GUARD_S)
     wire.server.observers[0].connection.send(protocol.FRAMES, b"\x05\x00")
     with pytest.raises(can.CanOperationError):
         eye.recv(GUARD_S)

@@ -16,7 +16,8 @@ from hil.wire.protocol import Closed, Connection, ProtocolError
 pytestmark = pytest.mark.usefixtures("bounded")
 
 times_ns = st.integers(-(1 << 62), 1 << 62)
-identifiers = st.integers(0, (1 << 32) - 1)
+identifiers = st.one_of(st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF).map(lambda number: number | 0x80000000))
+identifiers = identifiers | identifiers.map(lambda identifier: identifier | 0x40000000)
 data = st.binary(max_size=8)
 frames = st.lists(st.tuples(times_ns, identifiers, data), max_size=20)
 timers = st.one_of(st.none(), times_ns)
@@ -80,7 +81,7 @@ def test_timer_at_zero_is_not_no_timer():
 def test_grant_is_laid_out_as_the_page_says():
     """now, whether a frame wakes, their number, then each frame; little-endian."""
     body = protocol.encode_grant(1, [(2, 3, b"\xaa")], (4, 0x80000005, b""))
-    expected = "0100000000000000 01 0200" + "0200000000000000 03000000 01 aa" + "0400000000000000 05000080 00"
+    expected = "0100000000000000 01 02000000" + "0200000000000000 03000000 01 aa" + "0400000000000000 05000080 00"
     assert body == bytes.fromhex(expected)
 
 
@@ -101,7 +102,7 @@ def test_message_is_length_kind_body():
 @example(body=b"1" * 5000)
 @example(body=b'"\xff"')
 @example(body=b"\xef\xbb\xbf{}")
-@example(body=b"\x00\x00\x00\x00\x00\x00\x00\x00\x01\x00\x00")
+@example(body=b"\x00\x00\x00\x00\x00\x00\x00\x00\x01\x00\x00\x00\x00")
 def test_random_bytes_decode_or_raise_protocol_error(decode, body):
     with suppress(ProtocolError):
         decode(body)
@@ -124,7 +125,7 @@ def test_body_with_bytes_behind_is_refused(name):
 
 def test_grant_by_a_frame_that_it_does_not_bring_is_refused():
     with pytest.raises(ProtocolError):
-        protocol.decode_grant(struct.pack("<qBH", 0, 1, 0))
+        protocol.decode_grant(struct.pack("<qBI", 0, 1, 0))
 
 
 @pytest.mark.parametrize("value", [[], "name", 1, None])

@@ -17,6 +17,7 @@ import pytest
 from hil.drive import Direct
 from hil.errors import NodeError
 from hil.wire import channel, protocol
+from hil.wire import clients as clients_module
 from hil.wire import server as server_module
 from hil.wire.channel import Listener
 from hil.wire.kernel import EXTENDED, Kernel
@@ -237,7 +238,7 @@ def test_processes_give_the_log_of_the_same_nodes_inline(bench, functional):
 
 
 def test_stopped_and_continued_client_changes_nothing(bench, monkeypatch):
-    monkeypatch.setattr(server_module, "WAIT_S", 0.02)
+    monkeypatch.setattr(clients_module, "WAIT_S", 0.02)
     bench = bench(("ping", "pong"))
     bench.spawn("ping", "SIGSTOP")
     bench.spawn("pong")
@@ -263,7 +264,7 @@ def test_client_that_is_killed_in_its_turn_ends_the_run_with_its_name(bench, tro
 
 
 def test_client_that_hangs_is_given_up_by_who_waits(bench, monkeypatch):
-    monkeypatch.setattr(server_module, "WAIT_S", 0.02)
+    monkeypatch.setattr(clients_module, "WAIT_S", 0.02)
     bench = bench(("ping", "pong"))
 
     def give_up(name, _waited_s):
@@ -598,11 +599,11 @@ def test_observer_that_leaves_or_dies_is_forgotten(bench):
 @pytest.fixture
 def slow(bench, monkeypatch):
     """A bench with an observer that does not read, and little kept for it."""
-    monkeypatch.setattr(server_module, "OBSERVER_BYTES", 1000)
+    monkeypatch.setattr(clients_module, "OBSERVER_BYTES", 1000)
     bench = bench(inline=[Chatter(2000)])
     client, _, _ = bench.introduce("slow")
     bench.server.observers[0].connection.stream.setsockopt(
-        server_module.socket.SOL_SOCKET, server_module.socket.SO_SNDBUF, 4096
+        clients_module.socket.SOL_SOCKET, clients_module.socket.SO_SNDBUF, 4096
     )
     return bench, client
 
