@@ -9,7 +9,7 @@ from dbc.compiler import load_arm
 from dbc.crc import crc16
 from dbc.status import Status
 from firmware_py.dsp import kinematics, trajectory
-from firmware_py.dsp.control import position_control
+from firmware_py.dsp.control import position_control, resting_cycle
 from firmware_py.dsp.cpu import DSP, DSPSettings
 from firmware_py.joint_cpu import SIGNALS, JointCPU
 from firmware_py.words import Words
@@ -116,7 +116,7 @@ def check_path(scenario: Scenario) -> None:
     """Refuse a task-space path that leaves the arm's reach or meets a singular point."""
     motion = joint_trajectory(scenario)
     try:
-        for cycle in range(scenario.cycles + 1):
+        for cycle in range(min(scenario.cycles, resting_cycle(motion, scenario.period_ns)) + 1):
             motion.at(cycle * scenario.clock.period_s)
     except (kinematics.OutOfReach, kinematics.SingularPoint) as error:
         raise ScenarioError(f"trajectory at {cycle * scenario.clock.period_s:.3f} s: {error}") from None

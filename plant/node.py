@@ -76,7 +76,9 @@ class Plant:
         elif identifier == self.stop:
             self.robot.engage_brakes(at_ns)
             self.state, self.stopped = INIT, True
-        elif self.state == INIT and not self.stopped and self.codecs[identifier].unpack(data) is not None:
+        elif self.codecs[identifier].unpack(data) is None:
+            self.crc_errors += 1
+        elif self.state == INIT and not self.stopped:
             self.state = READY
 
     def on_timer(self, now_ns: int) -> Reaction:

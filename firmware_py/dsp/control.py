@@ -22,22 +22,30 @@ class PositionControl(Protocol):
 
 
 class CommandTable:
-    """The commands of cycles 0 to `cycles`, computed offline and kept in single precision.
+    """The commands of every cycle from 0 on, computed offline and kept in single precision.
 
-    Holds cycle -1 too (the start), for the mean velocity of cycle 0. Raises what the trajectory raises.
+    Holds cycle -1 too (the start), for the mean velocity of cycle 0, and ends where the arm is told to rest. Raises
+    what the trajectory raises.
     """
 
     def __init__(self, trajectory: Trajectory, cycles: int, period_ns: int) -> None:
-        commands = [trajectory.at(k * period_ns * 1e-9) for k in range(cycles + 1)]
+        self.last = min(cycles, resting_cycle(trajectory, period_ns))
+        commands = [trajectory.at(k * period_ns * 1e-9) for k in range(self.last + 1)]
         self.position = [array("f", p) for p, _, _ in [commands[0], *commands]]
         self.acceleration = [array("f", a) for _, _, a in commands]
         self.period_s = period_ns * 1e-9
 
     def at(self, cycle: int) -> tuple[Sequence[float], list[float], Sequence[float]]:
         """Return (position, mean velocity over the last period, acceleration) of a cycle >= 0."""
+        cycle = min(cycle, self.last)
         before, now = self.position[cycle], self.position[cycle + 1]
         velocity = [(x - y) / self.period_s for x, y in zip(now, before, strict=True)]
         return now, velocity, self.acceleration[cycle]
+
+
+def resting_cycle(trajectory: Trajectory, period_ns: int) -> int:
+    """Return the first cycle whose command has been at rest for a whole period."""
+    return int(trajectory.time_s * 1e9 // period_ns) + 2
 
 
 def second_order(

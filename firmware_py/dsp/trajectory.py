@@ -16,7 +16,11 @@ Command = tuple[Vector, Vector, Vector]
 
 
 class Trajectory(Protocol):
-    """What the DSP follows."""
+    """What the DSP follows; at rest from time_s on."""
+
+    @property
+    def time_s(self) -> float:
+        """When it ends."""
 
     def at(self, t_s: float) -> Command:
         """Return the command at t_s seconds after cycle 0."""
@@ -77,6 +81,11 @@ class Transformed:
         self.path = path
         self.lengths_m = tuple(lengths_m)
         self.near = tuple(start_rad)
+
+    @property
+    def time_s(self) -> float:
+        """When it ends."""
+        return self.path.time_s
 
     def at(self, t_s: float) -> Command:
         """Return the command at t_s; calls are to come in the order of time, for a path that passes pi."""

@@ -82,19 +82,25 @@ class Listener:
             return
         self.socket.close()
         self.path.unlink(missing_ok=True)
-        self._lock.close()  # the file stays: who unlinks a lock may unlink another's
+        self.path.with_suffix(".lock").unlink(missing_ok=True)
+        self._lock.close()
 
 
 def _take_lock(path: Path, channel: str) -> IO[str]:
-    lock = path.open("a")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+    """Hold the lock file at this path; one that its holder removed meanwhile is not it."""
+    while True:
+        lock = path.open("a")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if path.exists() and os.path.samestat(os.fstat(lock.fileno()), path.stat()):
+                return lock
+        except BlockingIOError:
+            raise ChannelError(
+                f"channel {channel!r} is in use by another bus: take another name with -c, or end that bus"
+            ) from None
+        except FileNotFoundError:
+            pass
         lock.close()
-        raise ChannelError(
-            f"channel {channel!r} is in use by another bus: take another name with -c, or end that bus"
-        ) from None
-    return lock
 
 
 def connect(channel: str) -> socket.socket:

@@ -97,7 +97,7 @@ def test_a_node_that_is_stopped_for_a_second_changes_nothing(name: str, hil: Any
 
 @pytest.mark.parametrize("name", ["plant", "dsp", "joint1", "joint2", "joint3"])
 def test_a_killed_node_ends_the_run_with_its_name(name: str, hil: Any) -> None:
-    rig = hil.start("run", "--set", "duration_s=600")
+    rig = hil.start("run", "--set", "duration_s=60")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes[name]) > 40)
     os.kill(nodes[name], signal.SIGKILL)
@@ -111,7 +111,7 @@ def test_a_killed_node_ends_the_run_with_its_name(name: str, hil: Any) -> None:
 
 @pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupting_the_rig_ends_every_node(number: int, exit_code: int, hil: Any) -> None:
-    rig = hil.start("run", "--set", "duration_s=600")
+    rig = hil.start("run", "--set", "duration_s=60")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["plant"]) > 40)
     rig.send_signal(number)
@@ -122,7 +122,7 @@ def test_interrupting_the_rig_ends_every_node(number: int, exit_code: int, hil: 
 
 
 def test_killing_the_rig_itself_leaves_no_orphan(hil: Any) -> None:
-    rig = hil.start("run", "--set", "duration_s=600")
+    rig = hil.start("run", "--set", "duration_s=60")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["plant"]) > 40)
     rig.kill()
@@ -142,7 +142,7 @@ def name_of_or_none(pid: int) -> str:
 
 
 def test_a_node_that_hangs_is_named_when_the_patience_is_over(hil: Any) -> None:
-    rig = hil.start("run", "--patience", "1.5", "--set", "duration_s=600")
+    rig = hil.start("run", "--patience", "1.5", "--set", "duration_s=60")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["joint3"]) > 40)
     os.kill(nodes["joint3"], signal.SIGSTOP)

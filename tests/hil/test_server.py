@@ -345,9 +345,16 @@ def test_other_message_in_the_place_of_hello_is_refused(bench, kind):
     assert bench.answer(client)[0] == protocol.REFUSED
 
 
+def test_observer_may_not_take_the_name_of_a_client_that_time_waits_for(bench):
+    bench = bench(("ping", "pong"))
+    _, kind, reason = bench.introduce("ping", False)
+    assert (kind, b"'ping'" in reason) == (protocol.REFUSED, True)
+    assert bench.introduce("ping", True)[1] == protocol.WELCOME
+
+
 @pytest.mark.parametrize(("first_timed", "second_timed"), [(True, True), (True, False), (False, False), (False, True)])
 def test_second_client_of_a_name_is_refused_by_name(bench, first_timed, second_timed):
-    bench = bench(("ping", "pong"))
+    bench = bench(("ping", "pong") if first_timed else ())
     first, kind, _ = bench.introduce("ping", first_timed)
     assert kind == protocol.WELCOME
     _, kind, reason = bench.introduce("ping", second_timed)
