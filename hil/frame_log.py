@@ -6,7 +6,7 @@ from pathlib import Path
 
 import can
 
-from hil.wire.kernel import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
+from hil.wire.identifier import split_identifier
 
 _RECORD = struct.Struct("<qIBB")
 EXTENDED_FLAG, REMOTE_FLAG = 1, 2
@@ -40,12 +40,6 @@ class FrameLog:
         with can.CanutilsLogWriter(str(path), channel=channel) as writer:
             for end_ns, identifier, data, _ in self.frames:
                 writer.on_message_received(to_message(end_ns, identifier, data, channel))
-
-
-def split_identifier(identifier: int) -> tuple[int, bool, bool]:
-    """Return (number, extended, remote) of an identifier with the flags of linux/can.h."""
-    extended, remote = identifier & EXTENDED != 0, identifier & REMOTE != 0
-    return identifier & (EXTENDED_MASK if extended else STANDARD_MASK), extended, remote
 
 
 def to_message(end_ns: int, identifier: int, data: bytes, channel: str | None = None) -> can.Message:

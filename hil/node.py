@@ -19,8 +19,8 @@ While it computes, the node handles nothing. The timer replaces the one before i
 SILENT: Reaction = (0, None, [])
 
 
-class Node(Protocol):
-    """One participant. All times are integer nanoseconds since cycle 0."""
+class Client(Protocol):
+    """What a bus must know of whoever takes part."""
 
     @property
     def name(self) -> str:
@@ -28,11 +28,18 @@ class Node(Protocol):
 
     @property
     def wakes_on(self) -> Collection[int]:
-        """Identifiers whose arrival calls `on_frame`."""
+        """Identifiers whose arrival wakes it (of a node: calls `on_frame`)."""
 
     @property
     def stores(self) -> Collection[int]:
-        """Identifiers that are handed to `store`, silently, before the next wake-up."""
+        """Identifiers that are kept for its next wake-up (of a node: handed to `store`, silently)."""
+
+
+class Node(Client, Protocol):
+    """One participant. All times are integer nanoseconds since cycle 0.
+
+    A timer must lie ahead when it is asked for; one that was asked for before may be kept.
+    """
 
     @property
     def finished(self) -> bool:

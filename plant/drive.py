@@ -21,6 +21,11 @@ class Amplifiers:
         self.saturations = [0] * parameters.joints
         """References beyond the limit, a joint."""
 
+    @property
+    def steady(self) -> bool:
+        """The currents will stay as they are."""
+        return self.current_A == self.reference_A
+
     def command(self, index: int, counts: int) -> None:
         """Set the reference of joint index (from 0), limited to the largest current."""
         asked_A = counts / self._counts_per_A

@@ -126,13 +126,14 @@ class Plant:
     def _record(self) -> None:
         """Keep the truth at kT, the currents and accelerations being those of the instant."""
         robot = self.robot
+        acceleration, friction = robot.balance()
         self.rows.append(
             (
                 *robot.q,
                 *robot.w,
-                *robot.acceleration(),
+                *acceleration,
                 *robot.current_A,
-                *robot.friction(),
+                *friction,
                 *robot.external_Nm,
                 robot.payload_kg,
             )

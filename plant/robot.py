@@ -135,13 +135,17 @@ class Robot:
         """Return the encoders' counters; zero is the start pose."""
         return tuple([encoder.counts(q) for encoder, q in zip(self._encoders, self._motion.q, strict=True)])
 
+    def balance(self) -> tuple[Vector, Vector]:
+        """Return `acceleration` and `friction` together, for half the work."""
+        return self._motion.balance()
+
     def acceleration(self) -> Vector:
         """Return q" [rad/s^2] at this instant, 0.0 for joints that stand."""
-        return self._motion.acceleration()
+        return self._motion.balance()[0]
 
     def friction(self) -> Vector:
         """Return c [N m] at this instant, brakes included: against sliding, or what holds a joint that stands."""
-        return self._motion.friction()
+        return self._motion.balance()[1]
 
     # inside
 

@@ -55,6 +55,9 @@ class StickSlip:
                 self.q, self.w = q, w
                 self._amplifiers.elapse(span_s)
                 return
+        self._settle()
+        if not any(self._modes) and self._amplifiers.steady:
+            return  # all stand, and what they must hold does not change
         left_s = span_s
         for _ in range(MOST_PARTS):
             self._settle()
@@ -74,16 +77,12 @@ class StickSlip:
             self._body.balance(free)
             self._body.step(free, tuple([j for j in free if coulomb[j - 1] > 0.0]))
 
-    def acceleration(self) -> Vector:
-        """Return q" [rad/s^2] at this instant, 0.0 for joints that stand."""
+    def balance(self) -> tuple[Vector, Vector]:
+        """Return (q" [rad/s^2], 0.0 for joints that stand; c [N m], against sliding or what holds) at this instant."""
         self._settle()
-        return self._balance(self._modes)[0]
-
-    def friction(self) -> Vector:
-        """Return c [N m] at this instant: against the direction of sliding, or what holds a joint that stands."""
-        self._settle()
-        held = self._balance(self._modes)[1]
-        return tuple([x if s == 0 else s * c for s, c, x in zip(self._modes, self._limit, held, strict=True)])
+        acceleration, held = self._balance(self._modes)
+        columns = zip(self._modes, self._limit, held, strict=True)
+        return acceleration, tuple([x if s == 0 else s * c for s, c, x in columns])
 
     def _settle(self) -> None:
         """Find the modes at this instant; joints at rest are judged again each time: the current may have jumped."""

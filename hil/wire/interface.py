@@ -20,7 +20,8 @@ from hil.frame_log import to_message
 from hil.node import Send
 from hil.wire import channel as channels
 from hil.wire import client, protocol
-from hil.wire.kernel import EXTENDED, REMOTE, Arrival
+from hil.wire.identifier import EXTENDED, REMOTE
+from hil.wire.kernel import Arrival
 
 
 class HilBus(can.BusABC):

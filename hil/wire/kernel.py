@@ -5,25 +5,19 @@ instant, in this order: a frame ends and is delivered; nodes that are due wake; 
 is idle, starts the frame that wins arbitration. So all wake-ups due at t are handled before the bus starts a frame at
 t, and a frame queued after a start of frame waits.
 
-An identifier is that of linux/can.h: 11 or 29 bits and the flags EXTENDED and REMOTE.
-
 Ref: ISO 11898-1:2015, 10.4 (frames), 10.4.6 (intermission), 10.8 (arbitration); linux/can.h.
 Not implemented: CAN FD, errors on the wire and their confinement, bounded transmit queues.
 """
 
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from heapq import heappop, heappush
 from typing import Any, Protocol
 
 from hil.errors import NodeError
-from hil.node import Reaction
+from hil.node import Client, Reaction
 from hil.wire.bits import INTERMISSION_BITS, LONGEST_DATA, frame_bits
-
-EXTENDED = 0x80000000
-REMOTE = 0x40000000
-STANDARD_MASK = 0x7FF
-EXTENDED_MASK = 0x1FFFFFFF
+from hil.wire.identifier import STANDARD_MASK, arbitration_key, is_identifier, split_identifier
 
 DELIVER, WAKE, QUEUE, ARBITRATE = range(4)
 
@@ -34,45 +28,14 @@ Watcher = Callable[[int, int, bytes, str], None]
 """Called with (end of frame in ns, identifier, data, sender) for every frame on the bus."""
 
 
-class Participant(Protocol):
+class Participant(Client, Protocol):
     """What the kernel needs of a node, wherever it runs."""
-
-    @property
-    def name(self) -> str:
-        """How the bus knows it."""
-
-    @property
-    def wakes_on(self) -> Collection[int]:
-        """Identifiers that wake it."""
-
-    @property
-    def stores(self) -> Collection[int]:
-        """Identifiers that are kept for its next wake-up."""
 
     def start(self, now_ns: int) -> Reaction:
         """Return the reaction to the start of time."""
 
     def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
         """Hand over the frames stored since the last wake-up, then the frame that wakes (None: the timer)."""
-
-
-def is_identifier(identifier: int) -> bool:
-    """Return whether this is an identifier of 11 or 29 bits with no flags but EXTENDED and REMOTE."""
-    if 0 <= identifier <= STANDARD_MASK:
-        return True
-    number = identifier & ~(EXTENDED | REMOTE)
-    return 0 <= number <= (EXTENDED_MASK if identifier & EXTENDED else STANDARD_MASK)
-
-
-def arbitration_key(identifier: int) -> int:
-    """Return the arbitration field as a number: the smaller wins the bus (ISO 11898-1, 10.8: dominant is 0)."""
-    if identifier <= STANDARD_MASK:
-        return identifier << 21
-    remote = identifier & REMOTE != 0
-    if identifier & EXTENDED:
-        number = identifier & EXTENDED_MASK
-        return (number >> 18) << 21 | 0b11 << 19 | (number & 0x3FFFF) << 1 | remote
-    return (identifier & STANDARD_MASK) << 21 | remote << 20
 
 
 class Port:
@@ -260,8 +223,7 @@ class Kernel:
     def _bits(identifier: int, data: bytes) -> int:
         if identifier <= STANDARD_MASK:
             return frame_bits(identifier, data)
-        extended, remote = identifier & EXTENDED != 0, identifier & REMOTE != 0
-        number = identifier & (EXTENDED_MASK if extended else STANDARD_MASK)
+        number, extended, remote = split_identifier(identifier)
         if remote:
             return frame_bits(number, b"", extended, True, len(data))
         return frame_bits(number, data, extended)

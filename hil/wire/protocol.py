@@ -24,7 +24,8 @@ from typing import Any
 
 from hil.node import Reaction
 from hil.wire.bits import LONGEST_DATA
-from hil.wire.kernel import Arrival, is_identifier
+from hil.wire.identifier import is_identifier
+from hil.wire.kernel import Arrival
 
 HELLO, WELCOME, REFUSED, START, GRANT, YIELD, LEAVE, FRAMES, SEND, END = range(1, 11)
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from hil.wire import protocol
 from hil.wire.channel import Listener
-from hil.wire.clients import FAR_NS, Observer, OnWait, TimedClient
 from hil.wire.kernel import Arrival, Kernel
+from hil.wire.participants import FAR_NS, Observer, OnWait, TimedClient
 from hil.wire.protocol import Closed, Connection, ProtocolError
 
 SLICE_NS = 5_000_000

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hil.drive import Direct
 from hil.errors import NodeError
 from hil.wire.bits import frame_bits
-from hil.wire.kernel import EXTENDED, REMOTE, Kernel
+from hil.wire.identifier import EXTENDED, REMOTE
+from hil.wire.kernel import Kernel
 
 END_NS = 4000
 

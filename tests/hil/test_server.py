@@ -17,10 +17,11 @@ import pytest
 from hil.drive import Direct
 from hil.errors import NodeError
 from hil.wire import channel, protocol
-from hil.wire import clients as clients_module
+from hil.wire import participants as participants_module
 from hil.wire import server as server_module
 from hil.wire.channel import Listener
-from hil.wire.kernel import EXTENDED, Kernel
+from hil.wire.identifier import EXTENDED
+from hil.wire.kernel import Kernel
 from hil.wire.protocol import Closed, Connection
 from hil.wire.server import Server
 
@@ -238,7 +239,7 @@ def test_processes_give_the_log_of_the_same_nodes_inline(bench, functional):
 
 
 def test_stopped_and_continued_client_changes_nothing(bench, monkeypatch):
-    monkeypatch.setattr(clients_module, "WAIT_S", 0.02)
+    monkeypatch.setattr(participants_module, "WAIT_S", 0.02)
     bench = bench(("ping", "pong"))
     bench.spawn("ping", "SIGSTOP")
     bench.spawn("pong")
@@ -264,7 +265,7 @@ def test_client_that_is_killed_in_its_turn_ends_the_run_with_its_name(bench, tro
 
 
 def test_client_that_hangs_is_given_up_by_who_waits(bench, monkeypatch):
-    monkeypatch.setattr(clients_module, "WAIT_S", 0.02)
+    monkeypatch.setattr(participants_module, "WAIT_S", 0.02)
     bench = bench(("ping", "pong"))
 
     def give_up(name, _waited_s):
@@ -606,11 +607,11 @@ def test_observer_that_leaves_or_dies_is_forgotten(bench):
 @pytest.fixture
 def slow(bench, monkeypatch):
     """A bench with an observer that does not read, and little kept for it."""
-    monkeypatch.setattr(clients_module, "OBSERVER_BYTES", 1000)
+    monkeypatch.setattr(participants_module, "OBSERVER_BYTES", 1000)
     bench = bench(inline=[Chatter(2000)])
     client, _, _ = bench.introduce("slow")
     bench.server.observers[0].connection.stream.setsockopt(
-        clients_module.socket.SOL_SOCKET, clients_module.socket.SO_SNDBUF, 4096
+        participants_module.socket.SOL_SOCKET, participants_module.socket.SO_SNDBUF, 4096
     )
     return bench, client
 
