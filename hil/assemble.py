@@ -3,6 +3,7 @@
 import importlib
 import os
 import sys
+from collections.abc import Callable
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
@@ -14,7 +15,7 @@ from firmware_py.dsp.cpu import DSP, DSPSettings
 from firmware_py.joint_cpu import SIGNALS, JointCPU
 from firmware_py.words import Words
 from hil import constants
-from hil.errors import ScenarioError
+from hil.errors import ScenarioError, failed
 from hil.node import Node
 from hil.scenario import CircleMove, Scenario, to_ns
 from plant.node import Plant
@@ -23,6 +24,10 @@ from plant.robot import Robot
 
 DSP_NUMBER = 7
 """Number of the DSP in the names of its State and Heartbeat frames; the plant's is 0, a joint's its own."""
+
+
+CALLS = ("on_start", "on_frame", "on_timer", "store", "report")
+"""What a node answers to (hil/node.py)."""
 
 
 def node_names(scenario: Scenario) -> list[str]:
@@ -166,12 +171,14 @@ def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
     words = Words(16, len(SIGNALS))
     status = _status(scenario, codec, number)
     reference = ("AccelRef", number - 1)
-    node: Node = cpu(number, words, codec, crc16, status, reference, scenario.period_ns, scenario.compute_ns(number))
-    return node
+    try:
+        return cpu(number, words, codec, crc16, status, reference, scenario.period_ns, scenario.compute_ns(number))
+    except Exception as error:
+        raise failed(f"joint{number}", error) from error
 
 
-def _cpu_class(cpu: str, number: int) -> type[JointCPU]:
-    """Find what plays a joint."""
+def _cpu_class(cpu: str, number: int) -> Callable[..., Node]:
+    """Find what plays a joint; it is called as firmware_py.joint_cpu.JointCPU is."""
     if cpu == "python":
         return JointCPU
     module_name, _, class_name = cpu.partition(":")
@@ -179,10 +186,15 @@ def _cpu_class(cpu: str, number: int) -> type[JointCPU]:
         sys.path.append(os.getcwd())
     try:
         found = getattr(importlib.import_module(module_name), class_name)
-    except (ImportError, ValueError, AttributeError) as error:
+    except Exception as error:
         raise ScenarioError(
-            f"joint{number}.cpu = {cpu!r}: {error}; write python, or package.module:Class of an importable class"
+            f"joint{number}.cpu = {cpu!r}: {type(error).__name__}: {error}; "
+            "write python, or package.module:Class of a class that can be imported"
         ) from None
-    if not (isinstance(found, type) and issubclass(found, JointCPU)):
-        raise ScenarioError(f"joint{number}.cpu = {cpu!r}: is no subclass of firmware_py.joint_cpu.JointCPU")
+    lacking = [name for name in CALLS if not callable(getattr(found, name, None))]
+    if not isinstance(found, type) or lacking:
+        raise ScenarioError(
+            f"joint{number}.cpu = {cpu!r}: a node is a class with {', '.join(CALLS)}; it lacks {', '.join(lacking)}; "
+            "a subclass of firmware_py.joint_cpu.JointCPU has them all"
+        )
     return found

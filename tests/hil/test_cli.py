@@ -81,6 +81,9 @@ class Deaf(JointCPU):
 class Wild(JointCPU):
     def control(self, count, a_ref):
         return 40000, 0
+class Unborn(JointCPU):
+    def __init__(self, *settings):
+        raise RuntimeError("no")
 class Late(JointCPU):
     def on_frame(self, identifier, data, now_ns):
         return 0, now_ns - 1, []
@@ -95,6 +98,8 @@ class Late(JointCPU):
         (["--set", "joint.obsever=1"], 3, r"unknown key joint.obsever: did you mean joint.observer\?"),
         (["paper-task", "--set", "trajectory.radius_m=0.5"], 3, r"puts the wrist .* m from the base"),
         (["--set", "joint2.cpu=faulty:Broken"], 5, r"joint2 .*faulty.py, line 5: ZeroDivisionError"),
+        (["--set", "joint2.cpu=faulty:Unborn"], 5, r"joint2 failed in .*faulty.py, line \d+: RuntimeError: no"),
+        (["--set", "joint2.cpu=broken:Syntax"], 3, r"joint2.cpu = 'broken:Syntax': SyntaxError: .*write python, or"),
         (["--set", "joint2.cpu=faulty:Wild"], 5, r"joint2 .*Current_2.Reference: raw value 40000 is outside"),
         (["--set", "joint2.cpu=faulty:Late"], 5, r"joint2.*timer asked for at .* ask for a later instant"),
         (["--set", "joint2.cpu=faulty:Blind"], 6, r"at 0.15\d s: joint2: joint fault \(reference lost\)"),
@@ -108,6 +113,7 @@ def test_each_family_of_errors_has_its_message_and_its_exit_code(
     mode: list[str], words: list[str], exit_code: int, message: str, hil: Any, short_settings: list[str]
 ) -> None:
     (hil.folder / "faulty.py").write_text(FAULTY)
+    (hil.folder / "broken.py").write_text("class Syntax:")
     (hil.folder / "taken").mkdir()
     (hil.folder / "taken" / "something").touch()
     (hil.folder / "file").touch()
