@@ -113,7 +113,7 @@ def test_each_family_of_errors_has_its_message_and_its_exit_code(
     mode: list[str], words: list[str], exit_code: int, message: str, hil: Any, short_settings: list[str]
 ) -> None:
     (hil.folder / "faulty.py").write_text(FAULTY)
-    (hil.folder / "broken.py").write_text("class Syntax:")
+    (hil.folder / "broken.py").write_text("class Syntax(:")
     (hil.folder / "taken").mkdir()
     (hil.folder / "taken" / "something").touch()
     (hil.folder / "file").touch()
