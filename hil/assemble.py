@@ -43,9 +43,14 @@ def build_node(scenario: Scenario, name: str, codec: Codec | None = None) -> Nod
         return build_plant(scenario, codec)
     if name == "dsp":
         return build_dsp(scenario, codec)
-    if name in node_names(scenario):
-        return build_joint(scenario, int(name.removeprefix("joint")), codec)
-    raise ScenarioError(f"no node {name!r}: this scenario has {', '.join(node_names(scenario))}")
+    check_node_name(scenario, name)
+    return build_joint(scenario, int(name.removeprefix("joint")), codec)
+
+
+def check_node_name(scenario: Scenario, name: str) -> None:
+    """Refuse a node that the scenario does not have."""
+    if name not in node_names(scenario):
+        raise ScenarioError(f"no node {name!r}: this scenario has {', '.join(node_names(scenario))}")
 
 
 def build_nodes(scenario: Scenario) -> list[Node]:
@@ -186,7 +191,7 @@ def _cpu_class(cpu: str, number: int) -> Callable[..., Node]:
         sys.path.append(os.getcwd())
     try:
         found = getattr(importlib.import_module(module_name), class_name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ScenarioError(
             f"joint{number}.cpu = {cpu!r}: {type(error).__name__}: {error}; "
             "write python, or package.module:Class of a class that can be imported"

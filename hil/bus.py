@@ -7,9 +7,12 @@ whoever joins is served: virtual time goes as fast as the timed clients answer, 
 import time
 from collections.abc import Callable, Sequence
 
+from hil.drive import RUN_IS_OVER
 from hil.errors import NodeError
+from hil.watchdog import watchdog
 from hil.wire.channel import Listener
 from hil.wire.kernel import Kernel
+from hil.wire.participants import Observer
 from hil.wire.server import Server
 
 POLL_S = 0.02
@@ -19,24 +22,24 @@ Say = Callable[[str], None]
 
 
 def serve(channel: str, expect: Sequence[str], bit_ns: int, functional: bool, say: Say) -> None:
-    """Serve a channel for ever; raise ChannelError if another bus holds it."""
+    """Serve a channel for ever; raise ChannelError if another bus holds it. Observers stay from session to session."""
     listener = Listener(channel)
+    observers: list[Observer] = []
     try:
         while True:
-            kernel = Kernel(bit_ns, functional)
-            server = Server(listener, kernel, expect, lambda name, s: say(f"waiting for {name} for {s:.1f} s"))
-            reason = "the bus ends"
+            server = Server(listener, Kernel(bit_ns, functional), expect, watchdog(say), observers)
+            reason, go_on = "the bus ends", False
             try:
                 if expect:
                     _session(server, channel, say)
-                    reason = "the session is over"
                 else:
                     _open(server, channel, say)
+                reason, go_on = RUN_IS_OVER, True
             except NodeError as error:
-                reason = str(error)
-                say(f"session ended at {kernel.now_ns * 1e-9:.6f} s: {error}")
+                reason, go_on = str(error), True
+                say(f"session ended at {server.kernel.now_ns * 1e-9:.6f} s: {error}")
             finally:
-                server.end(reason)
+                observers = server.end(reason, keep_observers=go_on)
     finally:
         listener.close()
 
@@ -59,8 +62,8 @@ def _open(server: Server, channel: str, say: Say) -> None:
     say(f"bus {channel!r}: open to everybody; Ctrl-C ends it")
     kernel = server.kernel
     server.start()
-    while True:
-        if any(not client.left for client in server.timed.values()):
+    while not server.deserted:
+        if server.timed:
             server.run(kernel.now_ns + 1_000_000)
             continue
         before = time.monotonic()

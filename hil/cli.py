@@ -1,7 +1,7 @@
 """The command line: `hil run`, `hil scenarios`, `hil bus`, `hil node`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
-extra, 130 Ctrl-C, 143 SIGTERM.
+extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
 """
 
 import functools
@@ -12,18 +12,19 @@ import sys
 import time
 from collections.abc import Callable
 from datetime import datetime
+from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, ParamSpec
+from typing import Annotated, Any, Literal, NoReturn, ParamSpec
 
 import typer
 
-from hil.errors import ChannelError, FaultError, HilError
+from hil.errors import ChannelError, FaultError, HilError, OutputError
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
 P = ParamSpec("P")
 
-INTERRUPTED, TERMINATED = 130, 143
+INTERRUPTED = 130
 
 ScenarioName = Annotated[str, typer.Argument(help="A built-in scenario's name, or a .toml file.")]
 Settings = Annotated[list[str], typer.Option("--set", metavar="PATH=VALUE", help="Set one value of the scenario.")]
@@ -35,17 +36,16 @@ def reported(command: Callable[P, None]) -> Callable[P, None]:
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
-        signal.signal(signal.SIGTERM, _terminate)
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, _terminate)
         try:
             command(*args, **kwargs)
-            sys.stdout.flush()
         except HilError as error:
             _complain(str(error), error.exit_code)
         except KeyboardInterrupt:
             _complain("interrupted: everything was ended", INTERRUPTED)
-        except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit(1) from None
+        except Terminated as end:
+            _complain(f"{end}: everything was ended", 128 + end.number)
 
     return run
 
@@ -55,8 +55,16 @@ def _complain(text: str, exit_code: int) -> NoReturn:
     raise typer.Exit(exit_code) from None
 
 
-def _terminate(_signal: int, _frame: Any) -> NoReturn:
-    raise SystemExit(TERMINATED)
+class Terminated(BaseException):
+    """The process was told to end, by a signal other than Ctrl-C's."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+def _terminate(number: int, _frame: Any) -> NoReturn:
+    raise Terminated(number)
 
 
 def _age_s() -> float:
@@ -77,7 +85,7 @@ def run(
     scenario: ScenarioName = "paper-joint",
     inline: Annotated[bool, typer.Option("--inline", help="All nodes and the wire in one process.")] = False,
     settings: Settings = [],  # noqa: B006 (typer reads the default, nobody writes it)
-    out: Annotated[Path | None, typer.Option(help="Run folder; default: runs/SCENARIO-DATE-TIME.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder; default: one of its own in runs/.")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the summary as JSON; no folder without --out.")
     ] = False,
@@ -91,7 +99,7 @@ def run(
 
     chosen = scenario_file.load(scenario, settings)
     if out is None and not as_json:
-        out = Path("runs") / f"{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}"
+        out = Path("runs") / f"{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
     if out is not None:
         record.check_new(out)
     age_s = _age_s()
@@ -126,16 +134,15 @@ def bus(
     channel: Annotated[str, typer.Argument(help="Name of the bus.")] = "arm",
     expect: Annotated[str, typer.Option(help="Timed clients to wait for: plant,dsp,joint1,...")] = "",
     bitrate: Annotated[int, typer.Option(min=10_000, max=1_000_000, help="Bits per second.")] = 1_000_000,
-    fidelity: Annotated[str, typer.Option(help="bits or functional.")] = "bits",
+    fidelity: Annotated[Literal["bits", "functional"], typer.Option(help="What a frame costs.")] = "bits",
 ) -> None:
     """Serve the wire until Ctrl-C."""
+    from hil import scenario_file
     from hil.bus import serve
 
-    if fidelity not in ("bits", "functional"):
-        raise ChannelError(f"--fidelity {fidelity!r}: take bits or functional")
     if 1_000_000_000 % bitrate:
-        raise ChannelError(f"--bitrate {bitrate}: a bit is no whole number of ns; take 1000000, 500000 or 250000")
-    names = [name.strip() for name in expect.split(",") if name.strip()]
+        raise typer.BadParameter(f"--bitrate {bitrate}: {scenario_file.bit_time_refusal(bitrate)}")
+    names = list(dict.fromkeys(name.strip() for name in expect.split(",") if name.strip()))
     try:
         serve(channel, names, 1_000_000_000 // bitrate, fidelity == "functional", _say)
     except KeyboardInterrupt:
@@ -154,12 +161,16 @@ def node(
 ) -> None:
     """Play one participant, in its own terminal, until the run ends."""
     from hil import scenario_file, show
+    from hil.assemble import check_node_name
     from hil.node_process import run_node
 
     if interface != "hil":
         raise ChannelError(f"interface {interface!r}: only 'hil' has the virtual time that this version's nodes need")
+    if (role == "joint") != (number is not None):
+        raise typer.BadParameter("write plant, dsp, or joint N")
     name = role if number is None else f"{role}{number}"
     chosen = scenario_file.load(scenario, settings)
+    check_node_name(chosen, name)
     print(f"{name} of {chosen.name} on channel {channel}", flush=True)
     report = run_node(chosen, name, channel)
     print(f"{name}: the run is over; {show.counters(report)}")
@@ -169,6 +180,33 @@ def _say(text: str) -> None:
     print(text, flush=True)
 
 
+@app.callback(invoke_without_command=True)
+def version(
+    show_version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    """Test the distributed controllers of a robot over CAN, without the robot."""
+    if show_version:
+        print(metadata.version("hil"))
+        raise typer.Exit
+
+
 def main() -> None:
-    """Be the command `hil`."""
-    app()
+    """Be the command `hil`; output that nobody can take is an error of its own."""
+    sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (for the whole process)
+    sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115 (as above)
+    try:
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _leave(1)
+    except OSError as error:
+        print(f"hil: standard output: {error.strerror}: send it elsewhere", file=sys.stderr)
+        _leave(OutputError.exit_code)
+
+
+def _leave(exit_code: int) -> NoReturn:
+    """End without another try to write what is still buffered."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(exit_code)

@@ -12,6 +12,12 @@ from hil.scenario import Scenario, to_ns
 from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
 
 WORD_MAX = 32767
+CURES = {
+    "KA": "change joint.g_rad_s or clock.period_s",
+    "KB": "change joint.g_rad_s, joint.inertia_kg_m2 or encoder.counts_per_turn",
+    "KJ": "change joint.inertia_kg_m2 or joint.torque_constant_N_m_A",
+    "current limit": "change joint.limit_A",
+}
 LARGEST_SHIFT = 15
 STATUS_MARGIN_BITS = 25
 """State and Heartbeat are queued this many bit times before they would end exactly with the cycle."""
@@ -41,8 +47,7 @@ def parameter_table(scenario: Scenario, joint: int, codec: Codec) -> tuple[int, 
     for name, value in values.items():
         if not 0 < value <= WORD_MAX:
             raise ScenarioError(
-                f"joint{joint}: {name} = {value} does not fit its format (1 to {WORD_MAX}): change joint.g_rad_s, "
-                "joint.inertia_kg_m2, joint.limit_A or encoder.counts_per_turn"
+                f"joint{joint}: {name} = {value} does not fit its format (1 to {WORD_MAX}): {CURES[name]}"
             )
     if not settings.observer:
         ka = kb = 0

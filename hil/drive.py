@@ -3,10 +3,14 @@
 Both hand a node its stored frames, then what wakes it, in the same order: so its frames cannot differ.
 """
 
+from hil.errors import NodeError
 from hil.node import Node, Reaction
 from hil.wire import protocol
 from hil.wire.kernel import Arrival
 from hil.wire.protocol import Connection
+
+RUN_IS_OVER = "the run is over"
+"""What a bus says at the end of a run; any other reason is an end in the middle."""
 
 
 class Direct:
@@ -32,10 +36,10 @@ class Direct:
         return node.on_frame(cause[1], cause[2], now_ns)
 
 
-def over(connection: Connection, node: Node) -> str:
-    """Drive a node whose bus is at the other end; return why it ended.
+def over(connection: Connection, node: Node) -> None:
+    """Drive a node whose bus is at the other end, until its part or the run is over.
 
-    Raises protocol.Closed if the bus went away without a word.
+    Raises NodeError if the bus ends for another reason, protocol.Closed if it goes away without a word.
     """
     direct = Direct(node)
     while True:
@@ -45,9 +49,12 @@ def over(connection: Connection, node: Node) -> str:
         elif kind == protocol.START:
             reaction = direct.start(protocol.decode_time(body))
         elif kind == protocol.END:
-            return body.decode(errors="replace")
+            reason = body.decode(errors="replace")
+            if reason == RUN_IS_OVER:
+                return
+            raise NodeError(f"{node.name}: the bus ended in the middle of the run: {reason}")
         else:
             raise protocol.ProtocolError(f"message of kind {kind} where a grant was due")
         connection.send(protocol.LEAVE if node.finished else protocol.YIELD, protocol.encode_yield(reaction))
         if node.finished:
-            return "finished"
+            return

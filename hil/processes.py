@@ -12,17 +12,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from dbc.compiler import load_arm
 from hil.assemble import build_nodes, node_names
+from hil.drive import RUN_IS_OVER
 from hil.errors import NodeError
 from hil.rig import Outcome, Progress, Recorder, carry_through, make_kernel, no_progress
 from hil.scenario import Scenario
+from hil.watchdog import Notice, watchdog
 from hil.wire.channel import Listener
+from hil.wire.participants import OnWait
 from hil.wire.server import Server
 
 START_S = 30.0
@@ -31,8 +34,6 @@ END_S = 10.0
 """Wall time in which a node must have ended after the bus did."""
 PATIENCE_S = 20.0
 """Wall time for which the bus waits for a node's answer."""
-
-Notice = Callable[[str], None]
 
 
 def run_processes(
@@ -50,7 +51,7 @@ def run_processes(
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
             nodes = Processes(scenario, channel, Path(folder))
             try:
-                return _run(scenario, listener, nodes, progress, _watchdog(notice, patience_s), began)
+                return _run(scenario, listener, nodes, progress, watchdog(notice, patience_s), began)
             finally:
                 nodes.end()
     finally:
@@ -62,7 +63,7 @@ def _run(
     listener: Listener,
     nodes: "Processes",
     progress: Progress,
-    on_wait: Callable[[str, float], None],
+    on_wait: OnWait,
     began: float,
 ) -> Outcome:
     kernel = make_kernel(scenario)
@@ -74,7 +75,7 @@ def _run(
         with nodes.named(), one_cpu([0, *nodes.pids()]):
             server.start()
             wall_s, setup_wall_s, bits = carry_through(scenario, kernel, server.run, progress, began)
-        reason = "the run is over"
+        reason = RUN_IS_OVER
     finally:
         server.end(reason)
     reports = nodes.reports()
@@ -99,21 +100,6 @@ def _gather(server: Server, nodes: "Processes") -> None:
         nodes.check(server.missing())
         if time.monotonic() > deadline:
             raise NodeError(f"{', '.join(server.missing())} did not join the bus within {START_S:.0f} s of the start")
-
-
-def _watchdog(notice: Notice, patience_s: float) -> Callable[[str, float], None]:
-    """Say whom the bus waits for, and give up when it has waited too long."""
-
-    def on_wait(name: str, waited_s: float) -> None:
-        if waited_s > patience_s:
-            raise NodeError(
-                f"{name} has not answered for {waited_s:.0f} s (limit {patience_s:.0f} s): it hangs or is stopped; "
-                "see what it does, or raise the limit with --patience"
-            )
-        if waited_s >= 1.0:
-            notice(f"waiting for {name} for {waited_s:.1f} s")
-
-    return on_wait
 
 
 @contextmanager

@@ -2,9 +2,11 @@
 
 import json
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
+from errno import ENOTDIR
 from pathlib import Path
 from typing import Any
 
@@ -23,26 +25,38 @@ SCENARIO = "scenario.toml"
 def run_folder(path: Path) -> Iterator[Path]:
     """Give a folder to write to, which takes its name only when everything is in it; raise OutputError otherwise."""
     check_new(path)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        yield partial
-        if path.exists():
-            path.rmdir()
-        partial.rename(path)
-    except OSError as error:
-        raise OutputError(
-            f"run folder {path}: {error.strerror or error}; nothing was kept: choose another --out"
-        ) from None
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with _explained(path):
+        partial = Path(tempfile.mkdtemp(prefix=f".{path.name[:100]}-", suffix=".partial", dir=path.parent))
+        try:
+            yield partial
+            if path.exists():
+                path.rmdir()
+            partial.chmod(0o755)
+            partial.rename(path)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
 
 
 def check_new(path: Path) -> None:
-    """Refuse a folder that holds something already."""
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise OutputError(f"run folder {path} is there already: choose another --out, or remove it")
+    """Refuse, before a run, a folder that holds something already or could not be written."""
+    with _explained(path):
+        if path.resolve() == Path.cwd():
+            raise OutputError(f"run folder {path} is the current directory: name a new one")
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise OutputError(f"run folder {path} is there already: choose another --out, or remove it")
+        if path.parent.exists() and not path.parent.is_dir():
+            raise NotADirectoryError(ENOTDIR, "Not a directory")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path.parent).close()
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"run folder {path}: {reason}; nothing was kept: choose another --out") from None
 
 
 def write_run(folder: Path, outcome: Outcome, evaluation: Evaluation | None, summary: dict[str, Any]) -> None:

@@ -9,9 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+NonNegative = Annotated[float, Field(ge=0, le=1e4)]
+Angle = Annotated[float, Field(ge=-100, le=100)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
 
@@ -70,7 +70,7 @@ class Drive(Part):
 
     torque_constant_N_m_A: tuple[Positive, ...] = (10.0, 6.0, 2.0)
     limit_A: Positive = 8.0
-    lag_s: NonNegative = 0.0
+    lag_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     ripple: tuple[Share, ...] = (0.0, 0.0, 0.0)
     """Share of the torque constant that varies with the joint's angle."""
     ripple_order: tuple[Annotated[int, Field(ge=1)], ...] = (60, 60, 60)
@@ -125,8 +125,8 @@ class QuinticMove(Part):
     """A move in joint space with the quintic's phase."""
 
     kind: Literal["quintic"]
-    by_rad: tuple[Finite, ...]
-    time_s: Positive
+    by_rad: tuple[Angle, ...]
+    time_s: Duration
 
 
 class CircleMove(Part):
@@ -134,7 +134,7 @@ class CircleMove(Part):
 
     kind: Literal["circle"]
     radius_m: Positive
-    time_s: Positive
+    time_s: Duration
 
 
 class Load(Part):
@@ -151,7 +151,7 @@ class Scenario(Part):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
     title: str = ""
     duration_s: Duration
-    start_rad: tuple[Finite, ...] = (0.4, 0.9, -0.5)
+    start_rad: tuple[Angle, ...] = (0.4, 0.9, -0.5)
     bus: Bus = Bus()
     clock: Clock = Clock()
     arm: Arm = Arm()

@@ -53,7 +53,7 @@ def _text(name_or_path: str) -> str:
     path = Path(name_or_path)
     if path.suffix == ".toml":
         try:
-            return path.read_text()
+            return path.read_text(encoding="utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
             raise ScenarioError(f"scenario file {name_or_path}: {reason}") from None
@@ -96,8 +96,10 @@ def _explain(error: ValidationError) -> Iterator[str]:
 def _suggestion(path: str) -> str:
     known = list(known_paths(Scenario))
     last = path.rpartition(".")[2]
-    near = difflib.get_close_matches(path, known, 1, 0.7) or [k for k in known if k.rpartition(".")[2] == last][:1]
-    return f": did you mean {near[0]}?" if near else "; `hil scenarios` and the README name the keys"
+    if path in known:
+        return ": it does not go with the kind that is chosen beside it"
+    near = difflib.get_close_matches(path, known, 1, 0.75) or [k for k in known if k.rpartition(".")[2] == last][:1]
+    return f": did you mean {near[0]}?" if near else "; the scenario.toml of any run folder shows all keys"
 
 
 def known_paths(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
@@ -140,6 +142,12 @@ def _check_lengths(scenario: Scenario) -> None:
             raise ScenarioError(f"{path} has {len(values)} entries, but arm.lengths_m has {joints}: one a joint")
 
 
+def bit_time_refusal(bitrate: int) -> str:
+    """Say why a bit rate is refused."""
+    lasts = f"a bit lasts {1e9 / bitrate:.3f} ns, which is no whole number"
+    return f"{lasts}; take 1000000, 800000, 500000, 250000 or 125000"
+
+
 def _check_rates(scenario: Scenario) -> None:
     clock, period_ns = scenario.clock, scenario.period_ns
     if scenario.duration_ns % period_ns:
@@ -147,10 +155,7 @@ def _check_rates(scenario: Scenario) -> None:
             f"duration_s = {scenario.duration_s} is not a multiple of clock.period_s = {clock.period_s}: change either"
         )
     if 1_000_000_000 % scenario.bus.bitrate:
-        raise ScenarioError(
-            f"bus.bitrate = {scenario.bus.bitrate}: a bit lasts {1e9 / scenario.bus.bitrate:.3f} ns, "
-            "which is no whole number; take 1000000, 800000, 500000, 250000 or 125000"
-        )
+        raise ScenarioError(f"bus.bitrate = {scenario.bus.bitrate}: {bit_time_refusal(scenario.bus.bitrate)}")
     for joint in range(1, scenario.joints + 1):
         if scenario.compute_ns(joint) >= period_ns:
             raise ScenarioError(

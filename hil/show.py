@@ -1,6 +1,5 @@
 """What a person sees of a run: its progress on stderr, its result as a table on stdout."""
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +18,7 @@ Notice = Callable[[str], None]
 @contextmanager
 def progress(title: str, quiet: bool) -> Iterator[tuple[Step, Notice]]:
     """Give (what takes the share done, what takes a notice); on stderr, and only if somebody watches."""
-    console = Console(stderr=True, quiet=quiet and not sys.stderr.isatty())
+    console = Console(stderr=True, markup=False, highlight=False)
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
         task = bar.add_task(f"{title}: starting", total=1.0)
@@ -32,15 +31,16 @@ def progress(title: str, quiet: bool) -> Iterator[tuple[Step, Notice]]:
 
 def result(found: Result, folder: Path | None) -> None:
     """Print the result."""
-    console = Console()
+    console = Console(markup=False, highlight=False)
     summary = found.summary
-    console.print(_headline(summary))
+    console.print(_headline(summary), soft_wrap=True)
     if found.evaluation is not None:
         console.print(_joints(summary))
         console.print(_task(summary))
-    for key in ("lost_frames", "deadline_misses", "saturations"):
-        if summary[key]:
-            console.print(f"{key.replace('_', ' ')}: {summary[key]} {summary.get(key + '_by_cause', '')}")
+    for key in ("lost_frames_by_cause", "deadline_misses_by_cause", "saturations_by_signal"):
+        causes = ", ".join(f"{cause}: {count}" for cause, count in summary[key].items() if count)
+        if causes:
+            console.print(f"{key.replace('_', ' ')}: {causes}", soft_wrap=True)
     if folder is not None:
         console.print(f"run folder: {folder}", soft_wrap=True)
 

@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -55,7 +56,8 @@ def test_the_terminals_of_the_readme_play_together(tmp_path: Path, environment: 
         wait_for(log.exists)
         for node in [start(command) for command in nodes]:
             assert node.wait(60) == 0
-        listening.wait(60)
+        listening.send_signal(signal.SIGINT)  # it stays for the next session
+        assert listening.wait(60) == 0
     finally:
         for process in started:
             process.kill()

@@ -9,6 +9,7 @@ import os
 import re
 import socket
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -57,11 +58,21 @@ def _listens(path: Path) -> bool:
     return True
 
 
+def sweep() -> None:
+    """Remove what buses left behind that died without a word: sockets whose lock nobody holds."""
+    for path in folder().glob("*.lock"):
+        with path.open("a") as lock, suppress(BlockingIOError, FileNotFoundError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.with_suffix(".sock").unlink(missing_ok=True)
+            path.unlink()
+
+
 class Listener:
     """The listening end of a channel, held until `close`. Raises ChannelError if another bus holds it."""
 
     def __init__(self, channel: str) -> None:
         self.path = socket_path(channel)
+        sweep()
         self._lock = _take_lock(self.path.with_suffix(".lock"), channel)
         self.path.unlink(missing_ok=True)
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -96,7 +107,7 @@ def _take_lock(path: Path, channel: str) -> IO[str]:
                 return lock
         except BlockingIOError:
             raise ChannelError(
-                f"channel {channel!r} is in use by another bus: take another name with -c, or end that bus"
+                f"channel {channel!r} is in use by another bus: take another name, or end that bus"
             ) from None
         except FileNotFoundError:
             pass

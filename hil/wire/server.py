@@ -29,10 +29,17 @@ class Server:
     """One channel, and the session on it: from waiting for the expected clients to the end.
 
     expect: names of the timed clients that time waits for, in node order. Nobody else is timed then; with none
-    expected, whoever comes is, from that instant on.
+    expected, whoever comes is, from that instant on. observers: those that a session before left.
     """
 
-    def __init__(self, listener: Listener, kernel: Kernel, expect: Sequence[str], on_wait: OnWait) -> None:
+    def __init__(
+        self,
+        listener: Listener,
+        kernel: Kernel,
+        expect: Sequence[str],
+        on_wait: OnWait,
+        observers: Sequence[Observer] = (),
+    ) -> None:
         self.kernel = kernel
         self.expect = tuple(expect)
         self.on_wait = on_wait
@@ -45,6 +52,8 @@ class Server:
         self._selector = selectors.DefaultSelector()
         self._selector.register(listener.socket, selectors.EVENT_READ, self._accept)
         kernel.watchers.append(self._show)
+        for observer in observers:
+            self._admit_observer(observer.name, observer.connection)
 
     # -- the session --
 
@@ -82,19 +91,22 @@ class Server:
         """Every timed client that was there has left."""
         return bool(self.timed) and all(client.left for client in self.timed.values())
 
-    def end(self, reason: str) -> None:
-        """Tell everybody that the session is over, observers after all their frames."""
+    def end(self, reason: str, keep_observers: bool = False) -> list[Observer]:
+        """Tell everybody that the session is over, observers after all their frames; return those that are kept."""
         deadline = time.monotonic() + LAST_FRAMES_S
         while any(observer.unsent for observer in self.observers) and time.monotonic() < deadline:
             self.poll(0.01)
         for observer in self.observers:
             observer.lost += observer.unsent
-        timed = [client.connection for client in self.timed.values()]
-        for connection in [*timed, *(observer.connection for observer in self.observers)]:
+        kept = self.observers if keep_observers else []
+        leaving = [client.connection for client in self.timed.values()]
+        leaving += [observer.connection for observer in self.observers if observer not in kept]
+        for connection in leaving:
             with suppress(Closed):
                 connection.send(protocol.END, reason.encode())
             connection.close()
         self._selector.close()
+        return kept
 
     @property
     def lost_frames(self) -> int:
@@ -143,6 +155,13 @@ class Server:
         elif hello["timed"] and self.expect and name not in self.expect:
             expected = ", ".join(self.expect)
             self._refuse(connection, f"time waits for {expected} only: join with timed=False")
+        elif self._started and hello["start_ns"] is not None and hello["start_ns"] < self.kernel.now_ns:
+            now_s, wanted_s = self.kernel.now_ns * 1e-9, hello["start_ns"] * 1e-9
+            self._refuse(
+                connection,
+                f"its time begins at {wanted_s:.3f} s, but here it is {now_s:.3f} s already: "
+                "a bus that waits for its clients is started with --expect",
+            )
         elif not hello["timed"] and name in self.expect:
             self._refuse(connection, f"time waits for a timed client of the name {name!r}: take another")
         else:

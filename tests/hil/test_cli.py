@@ -4,6 +4,7 @@ import json
 import os
 import re
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +123,7 @@ def test_each_family_of_errors_has_its_message_and_its_exit_code(
     assert run.returncode == exit_code, run.stderr
     assert re.search(message, run.stderr), run.stderr
     assert "Traceback" not in run.stdout + run.stderr
-    assert not list(hil.folder.glob("**/*.partial"))
+    assert not list(hil.folder.glob("**/.*.partial"))
 
 
 @pytest.mark.parametrize(
@@ -143,8 +144,9 @@ def test_wrong_usage_ends_with_2(words: list[str], hil: Any) -> None:
         (["node", "plant", "-i", "socketcan"], 4, r"interface 'socketcan': only 'hil' has the virtual time"),
         (["node", "joint", "7"], 3, r"no node 'joint7': this scenario has plant, dsp, joint1, joint2, joint3"),
         (["node", "cook"], 3, r"no node 'cook'"),
-        (["bus", "--bitrate", "300007"], 4, r"--bitrate 300007: a bit is no whole number of ns"),
-        (["bus", "--fidelity", "some"], 4, r"--fidelity 'some': take bits or functional"),
+        (["bus", "--bitrate", "300007"], 2, r"a bit lasts 3333.256 ns, which is no"),
+        (["bus", "--fidelity", "some"], 2, r"'some' is not one of 'bits',"),
+        (["node", "joint"], 2, r"write plant, dsp, or joint N"),
     ],
 )
 def test_nodes_and_buses_refuse_what_cannot_be(words: list[str], exit_code: int, message: str, hil: Any) -> None:
@@ -176,6 +178,28 @@ def test_a_full_disk_ends_with_one_message_and_no_folder(hil: Any) -> None:
         assert list(disk.iterdir()) == []
     finally:
         subprocess.run(["umount", disk], check=True)
+
+
+@pytest.mark.parametrize("words", [["scenarios"], ["run", "--inline", "--json"], ["run", "--help"]])
+def test_standard_output_that_takes_nothing_is_an_error_of_its_own(words: list[str], hil: Any) -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "hil", *words]
+        run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=hil.folder, timeout=120)
+    assert (run.returncode, run.stderr) == (7, "hil: standard output: No space left on device: send it elsewhere\n")
+
+
+def test_a_folder_of_the_user_s_beside_the_run_folder_is_left_alone(hil: Any, short_settings: list[str]) -> None:
+    mine = hil.folder / "x.partial" / "mine"
+    mine.parent.mkdir()
+    mine.touch()
+    assert hil.run("run", "--inline", "--out", "x", *short_settings).returncode == 0
+    assert {path.name for path in hil.folder.iterdir()} == {"x", "x.partial"}
+    assert mine.exists()
+
+
+def test_saturations_are_named_by_node_and_signal(hil: Any, short_settings: list[str]) -> None:
+    run = hil.run("run", "--inline", "--set", "drive.limit_A=0.5", *short_settings)
+    assert re.search(r"saturations by signal: .*plant amplifier joint1: \d+", run.stdout)
 
 
 def test_without_the_report_extra_the_cure_is_named(hil: Any, short_settings: list[str]) -> None:

@@ -255,6 +255,53 @@ def test_five_nodes_by_hand_make_the_frames_of_the_rig(hil: Any) -> None:
     assert bus.returncode == 0
 
 
+def test_nodes_by_hand_say_when_the_run_did_not_come_to_its_end(hil: Any) -> None:
+    bus = hil.start("bus", "arm", "--expect", "plant,dsp,joint1,joint2,joint3")
+    bus.stdout.readline()
+    words = {"plant": ["plant"], "dsp": ["dsp"], **{f"joint{n}": ["joint", str(n)] for n in (1, 2, 3)}}
+    nodes = {name: hil.start("node", *each, "--set", "duration_s=60") for name, each in words.items()}
+    wait_for(lambda: all(cpu_ticks(node.pid) > 50 for node in nodes.values()))
+    nodes["joint2"].kill()
+    for name in nodes.keys() - {"joint2"}:
+        _, err = nodes[name].communicate(timeout=LIMIT_S)
+        assert nodes[name].returncode == NodeError.exit_code
+        assert f"hil: {name}: the bus ended in the middle of the run: joint2 is gone" in err
+    bus.send_signal(signal.SIGTERM)
+    out, err = bus.communicate(timeout=LIMIT_S)
+    assert "session ended" in out
+    assert (bus.returncode, err) == (143, "hil: SIGTERM: everything was ended\n")
+
+
+def test_a_node_refuses_a_bus_whose_time_has_begun(hil: Any) -> None:
+    bus = hil.start("bus", "arm")
+    bus.stdout.readline()
+    node = hil.run("node", "plant")
+    assert node.returncode == ChannelError.exit_code
+    assert "a bus that waits for its clients is started with --expect" in node.stderr
+
+
+def test_two_runs_at_the_same_time_leave_two_folders(hil: Any, short_settings: list[str]) -> None:
+    runs = [hil.start("run", "--inline", *short_settings) for _ in range(2)]
+    for run in runs:
+        _, err = run.communicate(timeout=LIMIT_S)
+        assert run.returncode == 0, err
+    assert len(list((hil.folder / "runs").iterdir())) == 2
+
+
+def test_an_observer_stays_from_session_to_session(hil: Any) -> None:
+    bus = hil.start("bus", "arm", "--expect", "dsp")
+    bus.stdout.readline()
+    witness = can.Bus(interface="hil", channel="arm", name="witness")
+    try:
+        for _ in range(2):
+            # alone, the DSP finds no joints, and says Stop at cycle -1 or before
+            assert hil.run("node", "dsp").returncode == 0
+            while witness.recv(LIMIT_S).arbitration_id != 0x010:
+                pass
+    finally:
+        witness.shutdown()
+
+
 def test_the_log_s_hash_is_over_the_canonical_records() -> None:
     """Independently written down: struct "<qIBB" and the data, from cycle 0 on."""
     import hashlib
