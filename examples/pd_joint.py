@@ -6,7 +6,7 @@ This one knows no observer: the reference's acceleration, and a damping of the s
 reference. Everything around the law (set-up, state machine, faults, status frames) is the joint CPU's.
 """
 
-from firmware_py.joint_cpu import KJ, SHIFT, JointCPU
+from firmware_py.joint_cpu import CURRENT, CURRENT_LIMIT, KJ, SHIFT, JointCPU, W
 
 DAMPING = 4
 """Current counts per count and sample of speed error."""
@@ -21,9 +21,9 @@ class SpeedDamping(JointCPU):
 
     def control(self, count, a_ref):
         """Return (current reference, disturbance estimate) in current counts."""
-        w = self.words.wrap(0, count - self.count_prev)
+        w = self.words.wrap(W, count - self.count_prev)
         self.count_prev = count
         self.w_ref += a_ref / 128 * 1e-6 * 819_200 / 6.283185307179586
         feed = self.table[KJ] * a_ref >> self.table[SHIFT]
-        i = self.words.limit(4, feed + round(DAMPING * (self.w_ref - w)), self.table[4])
+        i = self.words.limit(CURRENT, feed + round(DAMPING * (self.w_ref - w)), self.table[CURRENT_LIMIT])
         return i, 0

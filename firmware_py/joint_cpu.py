@@ -113,12 +113,12 @@ class JointCPU:
 
     def on_frame(self, identifier, data, now_ns):
         """Answer an Encoder frame with the current reference of the same cycle."""
-        if identifier == self.stop.identifier:
-            return self._stop(data)
-        fields = self.encoder.unpack(data)
+        fields = (self.stop if identifier == self.stop.identifier else self.encoder).unpack(data)
         if fields is None:
             self.crc_errors += 1
             return 0, self.timer_ns, []
+        if identifier == self.stop.identifier:
+            return self._stop(fields[0])
         count, cycle = fields
         if self.state == RUN and cycle == self.cycle:
             self.repeated_encoders += 1
@@ -130,6 +130,7 @@ class JointCPU:
             i, estimate = self.control(count, self.a_ref)
             self.i = i
         elif self.state == FAULT:
+            self.finished = True
             sends.append((0, self.stop.identifier, self.stop.pack(STOP_JOINT_FAULT)))
         self.cycle = cycle
         sends.append((self.compute_ns, self.current.identifier, self.current.pack(i, estimate, cycle)))
@@ -139,6 +140,7 @@ class JointCPU:
     def on_timer(self, _now_ns):
         """Three Encoder frames in a row are missing."""
         self._enter_fault(ENCODER_LOST)
+        self.finished = True
         return 0, None, [self._no_current(), (0, self.stop.identifier, self.stop.pack(STOP_JOINT_FAULT))]
 
     # -- the law --
@@ -174,13 +176,11 @@ class JointCPU:
     def _follow(self, count, cycle, now_ns):
         """Take the AccelRef of the cycle before, and enter or leave run."""
         if self.state == READY:
-            fields = self._reference(cycle)
-            if fields is None:
+            if self.reference_data is None:
                 return
-            self.a_ref = fields[self.reference_index]
-            self.state = RUN
-            self.strikes_in_a_row = 0
-            self.preset(count)
+            if self._count_strikes(cycle):
+                self.state = RUN
+                self.preset(count)
         elif self.state == RUN:
             self._count_misses(count, cycle)
             self._count_strikes(cycle)
@@ -210,15 +210,17 @@ class JointCPU:
             self.bridge(count, missed)
 
     def _count_strikes(self, cycle):
+        """Take the AccelRef of the cycle before, or count a strike; return whether it was there."""
         fields = self._reference(cycle)
         if fields is not None:
             self.a_ref = fields[self.reference_index]
             self.strikes_in_a_row = 0
-            return
+            return True
         self.strikes += 1
         self.strikes_in_a_row += 1
         if self.strikes_in_a_row >= MISSES_TO_FAULT:
             self._enter_fault(REFERENCE_LOST)
+        return False
 
     def _enter_fault(self, fault):
         if self.state != FAULT:
@@ -227,12 +229,12 @@ class JointCPU:
         self.timer_ns = None
         self.i = 0
 
-    def _stop(self, data):
+    def _stop(self, reason):
         """Give no current from now on; to run again takes a new set-up. A fault stays what it is."""
         self.finished = True
         if self.state != FAULT:
             self.state = INIT
-            self.fault = NO_FAULT if data == self.stop.pack(STOP_END) else STOPPED
+            self.fault = NO_FAULT if reason == STOP_END else STOPPED
         self.timer_ns = None
         self.i = 0
         return 0, None, [self._no_current()]
@@ -267,6 +269,8 @@ class JointCPU:
         elif value & 0xFFFF == self.table_crc():
             self.state = READY
             self.fault = NO_FAULT
+            self.reference_data = None
+            self.strikes_in_a_row = 0
         else:
             self.fault = PARAMETERS
 

@@ -98,9 +98,18 @@ def build_plant(scenario: Scenario, codec: Codec) -> Plant:
     """Return the plant."""
     start_ns = -scenario.clock.setup_cycles * scenario.period_ns
     robot = Robot(arm_parameters(scenario, codec), scenario.start_rad, start_ns, min(scenario.period_ns, 1_000_000))
-    loads = [(load.mass_kg, to_ns(load.at_s), to_ns(load.until_s)) for load in scenario.load]
     delays = constants.action_delays_ns(scenario)
-    return Plant(robot, codec, _status(scenario, codec, 0), scenario.period_ns, delays, loads)
+    return Plant(robot, codec, _status(scenario, codec, 0), scenario.period_ns, delays, payloads(scenario))
+
+
+def payloads(scenario: Scenario) -> list[tuple[float, int]]:
+    """Return the mass on the hand from each instant on at which it changes; loads at the same time add up."""
+    instants = sorted({to_ns(instant) for load in scenario.load for instant in (load.at_s, load.until_s)})
+    on_hand = [
+        (sum(load.mass_kg for load in scenario.load if to_ns(load.at_s) <= at_ns < to_ns(load.until_s)), at_ns)
+        for at_ns in instants
+    ]
+    return [(float(mass_kg), at_ns) for mass_kg, at_ns in on_hand]
 
 
 # -- DSP --

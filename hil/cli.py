@@ -174,6 +174,8 @@ def node(
     print(f"{name} of {chosen.name} on channel {channel}", flush=True)
     report = run_node(chosen, name, channel)
     print(f"{name}: the run is over; {show.counters(report)}")
+    if report["fault"]:
+        raise FaultError(f"{name}: {report['fault']}")
 
 
 def _say(text: str) -> None:

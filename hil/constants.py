@@ -63,26 +63,40 @@ def cycle_frames(joints: int) -> dict[str, int]:
 
 
 def worst_case_ends_ns(scenario: Scenario) -> dict[str, int]:
-    """Return the latest end of each frame of a cycle after its start, nobody being late.
-
-    A joint's Current follows the Encoder frames when computing is no longer than they are.
-    """
-    ends, bits = {}, 0
+    """Return the latest end of each frame of a cycle after its start, each queued when its sender has computed."""
+    ends: dict[str, int] = {}
+    free_ns = 0
     for name, length in cycle_frames(scenario.joints).items():
-        bits += worst_case_bits(length)
-        ends[name] = bits * scenario.bit_ns
-        bits += INTERMISSION_BITS
+        start_ns = max(free_ns, _queued_ns(scenario, name, ends))
+        ends[name] = start_ns + worst_case_bits(length) * scenario.bit_ns
+        free_ns = ends[name] + INTERMISSION_BITS * scenario.bit_ns
     return ends
+
+
+def _queued_ns(scenario: Scenario, name: str, ends: dict[str, int]) -> int:
+    """Return when a frame is queued at the latest, from the frame that its sender answers."""
+    if name.startswith("Current_"):
+        joint = int(name.removeprefix("Current_"))
+        return ends[f"Encoder_{joint}"] + scenario.compute_ns(joint)
+    if name == "AccelRef":
+        return ends[f"Encoder_{scenario.joints}"] + to_ns(scenario.dsp.compute_s)
+    return 0
 
 
 def action_delays_ns(scenario: Scenario) -> tuple[int, ...]:
     """Return when each joint's current acts after its cycle's start; 0 in `bits`, where its frame's end says it."""
     if scenario.bus.fidelity == "bits":
         return (0,) * scenario.joints
-    if scenario.bus.action_delay_s is not None:
-        return tuple(to_ns(delay) for delay in scenario.bus.action_delay_s)
     ends = worst_case_ends_ns(scenario)
-    return tuple(ends[f"Current_{n}"] for n in range(1, scenario.joints + 1))
+    delays = tuple(ends[f"Current_{n}"] for n in range(1, scenario.joints + 1))
+    if scenario.bus.action_delay_s is not None:
+        delays = tuple(to_ns(delay) for delay in scenario.bus.action_delay_s)
+    if max(delays) >= scenario.period_ns:
+        raise ScenarioError(
+            f"bus.action_delay_s: a current would act {max(delays) / 1000:.0f} us after its cycle's start, but "
+            f"clock.period_s = {scenario.clock.period_s}: give delays below it"
+        )
+    return delays
 
 
 def tail_ns(scenario: Scenario) -> int:
@@ -95,7 +109,7 @@ def check_budget(scenario: Scenario) -> None:
     end_ns = worst_case_ends_ns(scenario)["State"] + INTERMISSION_BITS * scenario.bit_ns
     if scenario.bus.fidelity == "bits" and end_ns > scenario.period_ns:
         raise ScenarioError(
-            f"the frames of one cycle need {end_ns / 1000:.0f} us at bus.bitrate = {scenario.bus.bitrate}, but "
-            f"clock.period_s = {scenario.clock.period_s} leaves {scenario.period_ns / 1000:.0f} us: "
-            "raise the bit rate or the period"
+            f"the frames of one cycle need {end_ns / 1000:.0f} us at bus.bitrate = {scenario.bus.bitrate} and with the "
+            f"computing times compute_s, but clock.period_s = {scenario.clock.period_s} leaves "
+            f"{scenario.period_ns / 1000:.0f} us: raise the bit rate or the period, or compute faster"
         )

@@ -5,6 +5,7 @@ What the rig starts; `hil node` does the same by hand. Kept apart from the comma
 
 import json
 import os
+import re
 import resource
 import signal
 import sys
@@ -13,7 +14,7 @@ from typing import Any
 
 from hil.assemble import build_node
 from hil.drive import over
-from hil.errors import HilError, NodeError, failed
+from hil.errors import HilError, NodeError, OutputError, failed
 from hil.scenario import Scenario
 from hil.wire import client
 from hil.wire.protocol import Closed
@@ -32,8 +33,17 @@ def run_node(scenario: Scenario, name: str, channel: str) -> dict[str, Any]:
     finally:
         connection.close()
     usage = resource.getrusage(resource.RUSAGE_SELF)
-    process = {"pid": os.getpid(), "cpu_s": usage.ru_utime + usage.ru_stime, "peak_memory_kB": usage.ru_maxrss}
+    process = {"pid": os.getpid(), "cpu_s": usage.ru_utime + usage.ru_stime, "peak_memory_kB": _peak_memory_kB()}
     return node.report() | {"process": process}
+
+
+def _peak_memory_kB() -> int:
+    """Return this program's own peak; ru_maxrss is that of whoever started it, if that was larger."""
+    try:
+        status = Path("/proc/self/status").read_text()
+        return int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0])
+    except (OSError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _check_bus(scenario: Scenario, welcome: dict[str, Any], channel: str) -> None:
@@ -61,13 +71,18 @@ def main() -> int:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
         scenario = Scenario.model_validate_json(Path(scenario_path).read_text())
-        write_report(run_node(scenario, name, channel), Path(report_path))
+        report = run_node(scenario, name, channel)
     except HilError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     except Exception as error:
         print(failed(name, error), file=sys.stderr)
         return NodeError.exit_code
+    try:
+        write_report(report, Path(report_path))
+    except OSError as error:
+        print(f"{name}: cannot write its report: {error.strerror}", file=sys.stderr)
+        return OutputError.exit_code
     return 0
 
 

@@ -20,7 +20,7 @@ from typing import Any
 from dbc.compiler import load_arm
 from hil.assemble import build_nodes, node_names
 from hil.drive import RUN_IS_OVER
-from hil.errors import NodeError
+from hil.errors import NodeError, OutputError
 from hil.rig import Outcome, Progress, Recorder, carry_through, make_kernel, no_progress
 from hil.scenario import Scenario
 from hil.watchdog import Notice, watchdog
@@ -51,9 +51,12 @@ def run_processes(
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
             nodes = Processes(scenario, channel, Path(folder))
             try:
+                nodes.start()
                 return _run(scenario, listener, nodes, progress, watchdog(notice, patience_s), began)
             finally:
                 nodes.end()
+    except OSError as error:
+        raise OutputError(f"temporary files of the run: {error.strerror}; make room, or set TMPDIR") from None
     finally:
         listener.close()
 
@@ -111,7 +114,7 @@ def one_cpu(pids: Sequence[int]) -> Iterator[None]:
     before = os.sched_getaffinity(0)
     for pid in pids:
         with suppress(ProcessLookupError):
-            os.sched_setaffinity(pid, {max(before)})
+            os.sched_setaffinity(pid, {sorted(before)[os.getpid() % len(before)]})
     try:
         yield
     finally:
@@ -122,12 +125,17 @@ class Processes:
     """The node processes of one run."""
 
     def __init__(self, scenario: Scenario, channel: str, folder: Path) -> None:
+        self.scenario = scenario
+        self.channel = channel
         self.folder = folder
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
-        resolved = folder / "scenario.json"
-        resolved.write_text(scenario.model_dump_json())
-        for name in node_names(scenario):
-            self.processes[name] = self._start(name, resolved, channel)
+
+    def start(self) -> None:
+        """Start every node."""
+        resolved = self.folder / "scenario.json"
+        resolved.write_text(self.scenario.model_dump_json())
+        for name in node_names(self.scenario):
+            self.processes[name] = self._start(name, resolved, self.channel)
 
     def _start(self, name: str, scenario: Path, channel: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "hil.node_process", name, str(scenario), channel, str(self._report(name))]

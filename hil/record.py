@@ -113,10 +113,18 @@ def to_toml(scenario: Scenario) -> str:
     """Return a scenario with every value written out; reading it gives the same scenario."""
     values = scenario.model_dump(mode="json", exclude_none=True)
     plain = {key: value for key, value in values.items() if not isinstance(value, dict) and key != "load"}
-    lines = [f"{key} = {json.dumps(value)}" for key, value in plain.items()]
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
     for key, table in values.items():
         if isinstance(table, dict) and table:
-            lines += ["", f"[{key}]", *(f"{name} = {json.dumps(value)}" for name, value in table.items())]
+            lines += [
+                "",
+                f"[{key}]",
+                *(f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in table.items()),
+            ]
     for load in values["load"]:
-        lines += ["", "[[load]]", *(f"{name} = {json.dumps(value)}" for name, value in load.items())]
+        lines += [
+            "",
+            "[[load]]",
+            *(f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in load.items()),
+        ]
     return "\n".join(lines) + "\n"

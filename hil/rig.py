@@ -18,7 +18,6 @@ Progress = Callable[[float], None]
 """Called now and then with the share of the run that is done, 0 to 1."""
 
 SLICES = 50
-END_OF_TIME_NS = 1 << 62
 
 
 def no_progress(_share: float) -> None:
@@ -49,12 +48,12 @@ class Recorder:
     def __init__(self, kernel: Kernel, codec: Codec) -> None:
         self.kernel = kernel
         self.log = FrameLog()
-        self._stop = codec["Stop"].identifier
+        self._stop = codec["Stop"]
         kernel.watchers.append(self._watch)
 
     def _watch(self, end_ns: int, identifier: int, data: bytes, sender: str) -> None:
         self.log.watch(end_ns, identifier, data, sender)
-        if identifier == self._stop:
+        if identifier == self._stop.identifier and self._stop.unpack(data) is not None:
             self.kernel.stopped = True
 
 

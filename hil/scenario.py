@@ -27,6 +27,7 @@ def _whole_ns(seconds: float) -> float:
 
 
 Time = Annotated[float, Field(ge=0, le=3600), AfterValidator(_whole_ns)]
+MoveTime = Annotated[float, Field(ge=1e-3, le=3600)]
 Duration = Annotated[float, Field(gt=0, le=3600), AfterValidator(_whole_ns)]
 Period = Annotated[float, Field(gt=0, le=1), AfterValidator(_whole_ns)]
 
@@ -116,8 +117,8 @@ class Dsp(Part):
     """The position controller."""
 
     space: Literal["joint", "task"] = "joint"
-    k1_1_s: NonNegative = 90.0
-    k2_1_s2: NonNegative = 2000.0
+    k1_1_s: Annotated[float, Field(ge=0, le=1e6)] = 90.0
+    k2_1_s2: Annotated[float, Field(ge=0, le=1e6)] = 2000.0
     compute_s: Time = 200e-6
 
 
@@ -126,7 +127,7 @@ class QuinticMove(Part):
 
     kind: Literal["quintic"]
     by_rad: tuple[Angle, ...]
-    time_s: Duration
+    time_s: MoveTime
 
 
 class CircleMove(Part):
@@ -134,7 +135,7 @@ class CircleMove(Part):
 
     kind: Literal["circle"]
     radius_m: Positive
-    time_s: Duration
+    time_s: MoveTime
 
 
 class Load(Part):

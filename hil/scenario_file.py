@@ -15,6 +15,9 @@ from pydantic import BaseModel, ValidationError
 from hil.errors import ScenarioError
 from hil.scenario import Scenario, to_ns
 
+SHORTEST_LAG_S = 1e-5
+"""The plant takes steps of a quarter of the lag: below this it would hardly move."""
+
 
 def builtin_names() -> list[str]:
     """Return the names of the built-in scenarios, in order."""
@@ -125,6 +128,8 @@ def check(scenario: Scenario) -> None:
     """Refuse what no single key shows: lengths, rates, times that do not fit together."""
     _check_lengths(scenario)
     _check_rates(scenario)
+    if 0.0 < scenario.drive.lag_s < SHORTEST_LAG_S:
+        raise ScenarioError(f"drive.lag_s = {scenario.drive.lag_s}: 0 (none), or {SHORTEST_LAG_S} s and more")
     for load in scenario.load:
         if not load.at_s < load.until_s <= scenario.duration_s:
             raise ScenarioError(

@@ -77,18 +77,23 @@ def deviations(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def faults(outcome: Outcome) -> list[dict[str, Any]]:
-    """Return why the emulated system stopped itself; nothing after a good run."""
-    found = []
-    for end_ns, identifier, data, sender in outcome.log.frames:
-        if identifier == STOP_IDENTIFIER and data[0] != 0:
-            report = outcome.reports.get(sender, {})
-            reason = STOP_REASONS.get(data[0], f"reason {data[0]}")
-            cause = report.get("fault") or ""
-            found.append({"time_s": end_ns * 1e-9, "node": sender, "reason": reason, "cause": cause})
+    """Return why the run did not come to its end: one entry, the Stop frame that ended it; none if it did."""
     if not outcome.log.frames:
-        dsp = outcome.reports["dsp"]
-        found.append({"time_s": 0.0, "node": "dsp", "reason": "set-up failed", "cause": dsp["fault"]})
-    return found
+        return [_fault(0.0, "dsp", "set-up failed", outcome.reports["dsp"]["fault"])]
+    end_ns, identifier, data, sender = outcome.log.frames[-1]
+    if identifier != STOP_IDENTIFIER or len(data) != 1:
+        return [_fault(end_ns * 1e-9, "bus", "no Stop", "the frames end without one")]
+    if data[0] != 0:
+        reason = STOP_REASONS.get(data[0], f"reason {data[0]}")
+        cause = outcome.reports.get(sender, {}).get("fault") or "no cause given"
+        return [_fault(end_ns * 1e-9, sender, reason, cause)]
+    if sender != "dsp" or end_ns < outcome.scenario.duration_ns:
+        return [_fault(end_ns * 1e-9, sender, "Stop before the end", "a Stop that the DSP did not send at the end")]
+    return []
+
+
+def _fault(time_s: float, node: str, reason: str, cause: str) -> dict[str, Any]:
+    return {"time_s": time_s, "node": node, "reason": reason, "cause": cause}
 
 
 def _largest(values: Array) -> list[float]:

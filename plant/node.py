@@ -21,7 +21,7 @@ Reaction = tuple[int, int | None, list[tuple[int, int, bytes]]]
 class Plant:
     """The robot on the bus.
 
-    loads: (mass in kg, from ns, until ns) of payloads on the hand; action_delay_ns: for each joint, the least time
+    payloads: (mass on the hand in kg, from ns on); action_delay_ns: for each joint, the least time
     after its cycle's start at which a current acts (0 where the bus itself takes time).
     """
 
@@ -35,7 +35,7 @@ class Plant:
         status: Status,
         period_ns: int,
         action_delay_ns: Sequence[int],
-        loads: Sequence[tuple[float, int, int]] = (),
+        payloads: Sequence[tuple[float, int]] = (),
     ) -> None:
         self.robot = robot
         self.status = status
@@ -57,9 +57,8 @@ class Plant:
         self.finished = False
         self.crc_errors = 0
         self.rows: list[tuple[float, ...]] = []
-        for mass_kg, at_ns, until_ns in loads:
+        for mass_kg, at_ns in payloads:
             robot.set_payload(mass_kg, at_ns)
-            robot.set_payload(0.0, until_ns)
 
     def on_start(self, now_ns: int) -> Reaction:
         """Begin at the next multiple of the period."""
@@ -73,11 +72,11 @@ class Plant:
         """Let a current act, release the brakes, or engage them."""
         if identifier in self.currents:
             self._take_current(identifier, data, at_ns)
+        elif self.codecs[identifier].unpack(data) is None:
+            self.crc_errors += 1
         elif identifier == self.stop:
             self.robot.engage_brakes(at_ns)
             self.state, self.stopped = INIT, True
-        elif self.codecs[identifier].unpack(data) is None:
-            self.crc_errors += 1
         elif self.state == INIT and not self.stopped:
             self.state = READY
 
@@ -114,7 +113,9 @@ class Plant:
         period = at_ns // self.period_ns
         age = (period - cycle) & 0xFF
         self.answered[joint - 1] |= age == 0
-        self.late_currents += age > 0 and self.state == RUN
+        if age > 0 and self.state == RUN:
+            self.late_currents += 1
+            self.missed_currents[joint - 1] -= 1  # it was counted there, and is late instead
         acts_ns = (period - age) * self.period_ns + self.action_delay_ns[joint - 1]
         self.robot.set_current(joint, counts, max(at_ns, acts_ns))
 
@@ -145,6 +146,7 @@ class Plant:
         joints = range(1, len(self.encoders) + 1)
         columns = [f"{name}_{n}" for name in names for n in joints] + ["payload_kg"]
         return {
+            "fault": "",
             "skipped_status": self.status.skipped,
             "crc_errors": self.crc_errors,
             "late_currents": self.late_currents,

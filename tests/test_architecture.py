@@ -95,4 +95,4 @@ def test_every_dependency_has_its_reason_above_it() -> None:
     ]
     assert len(listed) > 10
     bare = [lines[k] for k in listed if not lines[k - 1].lstrip().startswith("#")]
-    assert bare == ['    "mypy>=1.10",', '    "pytest>=8",', '    "ruff>=0.6",'] or not bare
+    assert not bare

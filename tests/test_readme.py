@@ -40,7 +40,7 @@ def test_a_command_of_the_readme_works(command: str, tmp_path: Path, environment
 
 def test_the_terminals_of_the_readme_play_together(tmp_path: Path, environment: dict[str, str]) -> None:
     """The logger first, as an observer for whom time does not wait; then the nodes in their order."""
-    bus, *nodes, logger = commands("sh terminals")
+    bus, logger, *nodes = commands("sh terminals")
     channel = Path(environment["XDG_RUNTIME_DIR"]) / "hil" / "arm.sock"
     log = tmp_path / "arm.log"
     started: list[subprocess.Popen[bytes]] = []

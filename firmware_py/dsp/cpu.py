@@ -30,7 +30,7 @@ class DSPSettings:
     """What the DSP is built with.
 
     cycles: of the run; setup_cycles: before it; tables: parameter values of each joint; zero_rad: the pose at which the
-    counters are zero; rad_per_count, counts_per_rad_s2: scales of Encoder and AccelRef, from the DBC.
+    counters are zero; rad_per_count: of the encoders; counts_per_rad_s2: of AccelRef.
     """
 
     joints: int
@@ -107,6 +107,9 @@ class DSP:
     def on_frame(self, identifier: int, data: bytes, now_ns: int) -> Reaction:
         """Answer the last Encoder frame of the cycle with the references of all joints."""
         if identifier == self.stop.identifier:
+            if self.stop.unpack(data) is None:
+                self.crc_errors += 1
+                return 0, (self.cycle + 1) * self.settings.period_ns, []
             self.finished = True
             self.state, self.fault = INIT, FAULT_STOPPED
             return 0, None, []

@@ -61,7 +61,7 @@ def _listens(path: Path) -> bool:
 def sweep() -> None:
     """Remove what buses left behind that died without a word: sockets whose lock nobody holds."""
     for path in folder().glob("*.lock"):
-        with path.open("a") as lock, suppress(BlockingIOError, FileNotFoundError):
+        with suppress(OSError), path.open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             path.with_suffix(".sock").unlink(missing_ok=True)
             path.unlink()
@@ -100,7 +100,10 @@ class Listener:
 def _take_lock(path: Path, channel: str) -> IO[str]:
     """Hold the lock file at this path; one that its holder removed meanwhile is not it."""
     while True:
-        lock = path.open("a")
+        try:
+            lock = path.open("a")
+        except OSError as error:
+            raise ChannelError(f"channel {channel!r}: cannot open {path}: {error.strerror}; remove it") from None
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if path.exists() and os.path.samestat(os.fstat(lock.fileno()), path.stat()):

@@ -7,7 +7,7 @@ and the timer it wants. Nothing is pickled; whatever does not decode raises Prot
 | kind | from | body |
 | --- | --- | --- |
 | HELLO | client | JSON: name, timed, start_ns, wakes_on, stores (lists of identifiers, or null for every frame) |
-| WELCOME | bus | JSON: name, bitrate, fidelity |
+| WELCOME | bus | JSON: bit_ns (0: a frame takes no time), fidelity |
 | REFUSED | bus | the reason, text |
 | START | bus | now |
 | GRANT | bus | now, whether a frame wakes, stored frames, the waking frame last |
@@ -64,8 +64,8 @@ class Connection:
     def send(self, kind: int, body: bytes) -> None:
         """Send one message; raise Closed if nobody is there."""
         try:
-            self.stream.sendall(_PREFIX.pack(len(body) + 1, kind) + body)
-        except (BrokenPipeError, ConnectionResetError, OSError) as error:
+            self.stream.sendall(message(kind, body))
+        except OSError as error:
             raise Closed from error
 
     def receive(self) -> tuple[int, bytes]:
@@ -118,6 +118,17 @@ class Connection:
             return None
         self._buffer = buffer[end:]
         return kind, buffer[_PREFIX.size : end]
+
+    def is_closed(self) -> bool:
+        """Return whether the other end is gone, nothing that it said being left; reads nothing."""
+        if self._buffer:
+            return False
+        try:
+            return not self.stream.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
 
     def close(self) -> None:
         """Close the stream."""

@@ -119,6 +119,8 @@ class Server:
         """Look after the connections, waiting at most timeout_s of wall time for something to do."""
         for key, _ in self._selector.select(timeout_s):
             key.data()
+        if not self._started:
+            self.timed = {name: client for name, client in self.timed.items() if not client.connection.is_closed()}
         for observer in list(self.observers):
             try:
                 observer.flush()
@@ -149,7 +151,7 @@ class Server:
 
     def _admit(self, hello: dict[str, Any], connection: Connection) -> None:
         name = hello["name"]
-        taken = {*self.timed, *(observer.name for observer in self.observers)}
+        taken = {*(c.name for c in self.timed.values() if not c.left), *(observer.name for observer in self.observers)}
         if name in taken:
             self._refuse(connection, f"there is a client of the name {name!r} already: give it another")
         elif hello["timed"] and self.expect and name not in self.expect:

@@ -85,6 +85,11 @@ class Wild(JointCPU):
 class Unborn(JointCPU):
     def __init__(self, *settings):
         raise RuntimeError("no")
+class Quitter(JointCPU):
+    def on_frame(self, identifier, data, now_ns):
+        busy_ns, timer_ns, sends = super().on_frame(identifier, data, now_ns)
+        stop = [(0, 0x010, b"" if now_ns < 50_000_000 else b"\\x00")] if now_ns > 40_000_000 else []
+        return busy_ns, timer_ns, sends + stop
 class Late(JointCPU):
     def on_frame(self, identifier, data, now_ns):
         return 0, now_ns - 1, []
@@ -104,6 +109,7 @@ class Late(JointCPU):
         (["--set", "joint2.cpu=faulty:Wild"], 5, r"joint2 .*Current_2.Reference: raw value 40000 is outside"),
         (["--set", "joint2.cpu=faulty:Late"], 5, r"joint2.*timer asked for at .* ask for a later instant"),
         (["--set", "joint2.cpu=faulty:Blind"], 6, r"at 0.15\d s: joint2: joint fault \(reference lost\)"),
+        (["--set", "joint2.cpu=faulty:Quitter"], 6, r"at 0.05\d s: joint2: Stop before the end"),
         (["--set", "joint2.cpu=faulty:Deaf"], 6, r"dsp: .*joint2 was not ready by cycle -2"),
         (["--out", "taken"], 7, r"run folder taken is there already: choose another --out, or remove it"),
         (["--out", "file"], 7, r"run folder file is there already"),

@@ -15,7 +15,7 @@ import can
 import pytest
 
 from hil import scenario_file
-from hil.errors import ChannelError, NodeError
+from hil.errors import ChannelError, FaultError, NodeError
 from hil.frame_log import FrameLog
 from hil.processes import run_processes
 from hil.rig import run_inline
@@ -205,7 +205,7 @@ def _run_with_observer(scenario: Scenario, name: str) -> Any:
 def test_a_busy_channel_is_refused_and_the_bus_on_it_goes_on(short: Scenario) -> None:
     listener = Listener("arm")
     try:
-        with pytest.raises(ChannelError, match="'arm' is in use by another bus: take another name with -c"):
+        with pytest.raises(ChannelError, match="'arm' is in use by another bus: take another name"):
             run_processes(short, "arm")
         assert channel.names() == ["arm"]
     finally:
@@ -294,8 +294,8 @@ def test_an_observer_stays_from_session_to_session(hil: Any) -> None:
     witness = can.Bus(interface="hil", channel="arm", name="witness")
     try:
         for _ in range(2):
-            # alone, the DSP finds no joints, and says Stop at cycle -1 or before
-            assert hil.run("node", "dsp").returncode == 0
+            # alone, the DSP hears no encoder, and says Stop after three cycles
+            assert hil.run("node", "dsp").returncode == FaultError.exit_code
             while witness.recv(LIMIT_S).arbitration_id != 0x010:
                 pass
     finally:

@@ -2,15 +2,19 @@
 
 from pathlib import Path
 
+import cantools
 import pytest
 
+import dbc
 from dbc.compiler import load_arm
+from firmware_py.joint_cpu import FAULTS, STATES
 from hil import scenario_file
-from hil.assemble import build_nodes, node_names
+from hil.assemble import build_nodes, node_names, payloads
 from hil.constants import action_delays_ns, parameter_table, rad_per_count, tail_ns, worst_case_ends_ns
 from hil.errors import ScenarioError
 from hil.record import to_toml
 from hil.scenario import Scenario
+from hil.summary import STOP_REASONS
 from plant.nominal import nominal_inertia
 from plant.parameters import DEFAULT_ARM
 
@@ -81,6 +85,11 @@ REFUSED = {
     "joint2.cpu=json:loads": r"joint2.cpu = 'json:loads': a node is a class with on_start, .*; it lacks on_start, ",
     "joint2.cpu=json:JSONDecoder": r"it lacks on_start, .*; a subclass of firmware_py.joint_cpu.JointCPU has them all",
     "joint2.cpu=no.such:Thing": r"joint2.cpu = 'no.such:Thing': ModuleNotFoundError: No module named 'no'",
+    "dsp.compute_s=0.0009": r"frames of one cycle need 1517 us .* leaves 1000 us: raise .* or compute faster",
+    "joint.compute_s=0.0006": r"frames of one cycle need .* leaves 1000 us",
+    "drive.lag_s=1e-9": r"drive.lag_s = 1e-09: 0 \(none\), or 1e-05 s and more",
+    "start_rad=[1e9, 0.0, 0.0]": r"start_rad.0 = 1000000000.0: Input should be less than or equal to 100",
+    "trajectory.time_s=1e-300": r"trajectory.time_s = 1e-300: Input should be greater than or equal to 0.001",
     "drive.ripple=[0.1, 1.0, 0.0]": r"drive.ripple.1 = 1.0: Input should be less than 1",
     "name=../x": r"name = '../x': String should match pattern",
     "trajectory=3": r"trajectory",
@@ -169,3 +178,36 @@ def test_nodes_come_in_node_order() -> None:
     scenario = scenario_file.load("paper-joint")
     assert [node.name for node in build_nodes(scenario)] == node_names(scenario)
     assert node_names(scenario) == ["plant", "dsp", "joint1", "joint2", "joint3"]
+
+
+def test_the_stop_reasons_and_states_are_those_of_the_database() -> None:
+    database = cantools.database.load_file(Path(dbc.__path__[0]) / "arm.dbc")
+
+    def table(message: str, signal: str) -> dict[int, str]:
+        choices = database.get_message_by_name(message).get_signal_by_name(signal).choices
+        return {key: str(value) for key, value in choices.items()}
+
+    assert table("Stop", "Reason") == STOP_REASONS
+    assert table("State_1", "State") == dict(enumerate(STATES))
+    faults = table("State_1", "Fault")
+    assert {key: faults[key] for key in range(len(FAULTS))} == dict(enumerate(FAULTS))
+
+
+def test_loads_at_the_same_time_add_up_whatever_their_order() -> None:
+    loads = [(1.0, 0.5, 0.6), (2.0, 0.2, 0.5), (0.5, 0.1, 1.0)]
+    tables = ", ".join(f"{{mass_kg={mass}, at_s={at}, until_s={until}}}" for mass, at, until in loads)
+    scenario = scenario_file.load("paper-joint", [f"load=[{tables}]"])
+    assert payloads(scenario) == [
+        (0.5, 100_000_000),
+        (2.5, 200_000_000),
+        (1.5, 500_000_000),
+        (0.5, 600_000_000),
+        (0.0, 1_000_000_000),
+    ]
+
+
+def test_an_action_delay_beyond_the_period_is_refused() -> None:
+    with pytest.raises(ScenarioError, match="a current would act 1100 us after its cycle's start"):
+        build_nodes(
+            scenario_file.load("paper-joint", ["bus.fidelity=functional", "bus.action_delay_s=[0.0, 0.0, 0.0011]"])
+        )

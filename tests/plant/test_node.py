@@ -18,9 +18,9 @@ def plant():
     return make_plant()
 
 
-def make_plant(action_delay_ns=(0, 0, 0), loads=()):
+def make_plant(action_delay_ns=(0, 0, 0), payloads=()):
     status = Status(CODEC, 0, 0, 5, T_NS, 160_000)
-    return Plant(Robot(DEFAULT_ARM, START, -2 * T_NS), CODEC, status, T_NS, action_delay_ns, loads)
+    return Plant(Robot(DEFAULT_ARM, START, -2 * T_NS), CODEC, status, T_NS, action_delay_ns, payloads)
 
 
 def current(plant, joint, cycle, counts, at_ns, corrupt=False):
@@ -101,6 +101,7 @@ def test_a_late_current_acts_when_it_comes_and_is_counted(plant):
     current(plant, 1, 0, 500, T_NS + 1000)
     plant.on_timer(2 * T_NS)
     assert plant.late_currents == 1
+    assert sum(plant.missed_currents) == 2 + 3  # the others of cycle 0, and all of cycle 1
     assert plant.robot.current_A[0] == 500 / 2048
 
 
@@ -132,7 +133,7 @@ def test_stop_engages_the_brakes_after_their_delay_and_finishes(plant):
 
 
 def test_loads_are_put_on_and_taken_off_at_their_instants():
-    plant = started(make_plant(loads=[(3.0, 1_500_000, 2_500_000)]))
+    plant = started(make_plant(payloads=[(3.0, 1_500_000), (0.0, 2_500_000)]))
     payloads = []
     for cycle in (1, 2, 3):
         plant.on_timer(cycle * T_NS)
