@@ -98,7 +98,7 @@ def _deviation(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
         for n, axes in enumerate(column):
             _joint_deviation(axes, run, run.deviation[:, n], f"({letter}) joint {n + 1}", style)
     shares = np.max(np.abs(on.deviation), axis=0) / np.maximum(np.max(np.abs(off.deviation), axis=0), 1e-12)
-    seen = f"The largest of (b) is {', '.join(f'{share:.2g}' for share in shares * 100.0)} % of that of (a)"
+    seen = f"The largest of (b) is {', '.join(f'{share:.1f}' for share in shares * 100.0)} % of that of (a)"
     return f"joint deviation (a) without and (b) with the disturbance observer. {seen}; every panel has its own scale."
 
 
