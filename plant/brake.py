@@ -1,6 +1,6 @@
 """A joint's brake: friction that needs a while to engage and none to release.
 
-Units: N m, integer ns. Ref: design.md, "The plant". A brake is Coulomb friction added to the joint's own: it
+Units: N m, integer ns. A brake is Coulomb friction added to the joint's own: it
 holds, and it slows a joint that still turns, with the same torque. Not modelled: wear, gradual build-up of the torque.
 """
 

@@ -1,6 +1,6 @@
 """A joint's incremental encoder: whole counts since the start pose, in a counter that wraps.
 
-Units: rad, counts. Ref: design.md, "The frames" (16 bits wrap after 0.5 rad).
+Units: rad, counts. Ref: ARCHITECTURE.md, "Frames" (16 bits wrap after 0.5 rad).
 Not modelled: index pulse, eccentricity, edge jitter.
 """
 

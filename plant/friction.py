@@ -3,7 +3,7 @@
 A joint stands if what it must hold stays below its limit; otherwise it slides the way it accelerates. With M positive
 definite exactly one acceleration fits (it minimises a' M a / 2 - torque' a + sum of limit |a|), so all choices are
 tried, standing first. Modes: +1 and -1 are the direction of sliding, 0 is standing. Units: rad/s, rad/s^2, N m.
-Ref: plant.md, "Coulomb friction with sticking". Not modelled: static friction above the kinetic one, Stribeck's curve.
+Not modelled: static friction above the kinetic one, Stribeck's curve.
 """
 
 from collections.abc import Callable

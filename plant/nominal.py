@@ -1,6 +1,6 @@
 """The nominal inertia of each joint: the least inertia that its motor ever feels.
 
-Units: kg m^2. Ref: eq. (2); design.md: Jn is the minimum of 1 / (M^-1)_ii over the workspace without payload. A payload
+Units: kg m^2. Ref: eq. (2). Jn is the minimum of 1 / (M^-1)_ii over the workspace without payload. A payload
 or another pose only raises the true inertia, which is the side on which the observer is stable.
 """
 

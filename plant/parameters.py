@@ -1,7 +1,7 @@
 """What the arm is made of: one frozen, validated value, and the default arm.
 
 Units: m, kg, kg m^2, N m, A, s, ns; one tuple entry a joint, joint 1 first; motors are given as seen at the joint.
-Ref: eq. (1); design.md, "The plant": the default arm is ours, since the paper gives no masses and no lengths.
+Ref: eq. (1); the default arm is ours, since the paper gives no masses and no lengths.
 Not modelled: links other than uniform rods, gear elasticity and backlash, joint limits.
 """
 

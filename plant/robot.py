@@ -1,7 +1,7 @@
 """The whole robot: arm, drives, brakes, encoders, payload, moved from instant to instant of the bench's time.
 
 Units: integer ns, rad, A, N m, kg; joints are numbered from 1 as on the bus, tuples have one entry a joint.
-Ref: eq. (1); design.md, "The plant" and "Time". Not modelled: contact, sensors other than encoders, joint limits.
+Ref: eq. (1); ARCHITECTURE.md, "Time". Not modelled: contact, sensors other than encoders, joint limits.
 What is set at an instant acts from exactly then on: the integration stops there. What is read shows the instant after.
 The same calls with the same times give the same bits; other stops in between change the steps, and so the last digits.
 """

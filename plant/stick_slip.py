@@ -3,7 +3,7 @@
 A joint that slides feels friction of constant size against its direction, so the motion between two changes is smooth
 and Runge-Kutta keeps its order. A joint that stands is taken out of the mass matrix and holds what it must, up to its
 limit. Changes are a speed that reaches zero and a holding torque that reaches the limit; the step is cut there.
-Units: SI, tuples of n floats. Ref: eq. (1), c; plant.md, "Coulomb friction with sticking".
+Units: SI, tuples of n floats. Ref: eq. (1), c.
 Not seen: a holding torque that exceeds its limit and returns within one substep h (its excess is at most h^2 / 8 times
 its curvature), and a speed that turns twice within h / 256. Take a smaller substep if that matters.
 """

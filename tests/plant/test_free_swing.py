@@ -14,7 +14,7 @@ from plant.rigid_body import RigidBody
 from plant.robot import Robot
 
 ZERO = (0.0, 0.0, 0.0)
-# the arm of plant.md: direct drive swings wildest
+# light links in direct drive, which swings wildest
 DIRECT = ArmParameters((0.30, 0.25, 0.15), (1.2, 0.9, 0.5), ZERO, ZERO, ZERO, (1.0, 1.0, 1.0), ZERO)
 GEARED = replace(DEFAULT_ARM, coulomb_Nm=ZERO, viscosity_Nms=ZERO, brake_torque_Nm=ZERO)
 DAMPED = replace(GEARED, viscosity_Nms=DEFAULT_ARM.viscosity_Nms)

@@ -1,4 +1,4 @@
-"""Nominal inertia against design.md's numbers, closed forms and random poses."""
+"""Nominal inertia against the scenario's numbers, closed forms and random poses."""
 
 import numpy as np
 import pytest
