@@ -12,11 +12,10 @@ from hil.errors import NodeError
 from hil.watchdog import watchdog
 from hil.wire.channel import Listener
 from hil.wire.kernel import Kernel
-from hil.wire.participants import Observer
+from hil.wire.participants import FAR_NS, Observer
 from hil.wire.server import Server
 
 POLL_S = 0.02
-FAR_NS = 1 << 62
 
 Say = Callable[[str], None]
 

@@ -54,7 +54,7 @@ class HilBus(can.BusABC):
         self._received: deque[Arrival] = deque()
         self._sends: list[Send] = []
         self._now_ns = 0
-        self._may_yield = False
+        self._begun = False
         self._closed = False
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
@@ -104,7 +104,7 @@ class HilBus(can.BusABC):
 
     def _begin(self) -> None:
         """Time begins with the first call that waits."""
-        if not self._may_yield:
+        if not self._begun:
             self._now_ns = self._await(protocol.START)
 
     def _pass_time(self, until_ns: int | None) -> None:
@@ -127,7 +127,7 @@ class HilBus(can.BusABC):
             kind, body = protocol.END, str(error).encode() or b"it is gone"
         if kind != wanted:
             raise self._ended(kind, body)
-        self._may_yield = True
+        self._begun = True
         if kind == protocol.START:
             return protocol.decode_time(body)
         now_ns, stored, cause = protocol.decode_grant(body)

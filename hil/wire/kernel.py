@@ -43,9 +43,9 @@ class Port:
 
     __slots__ = ("busy_until_ns", "inbox", "order", "participant", "timer_ns")
 
-    def __init__(self, participant: Participant, order: int) -> None:
+    def __init__(self, participant: Participant) -> None:
         self.participant = participant
-        self.order = order
+        self.order = 0
         self.timer_ns: int | None = None
         self.busy_until_ns = -(1 << 63)
         self.inbox: deque[tuple[Arrival, bool]] = deque()
@@ -79,7 +79,7 @@ class Kernel:
 
     def join(self, participant: Participant) -> Port:
         """Add a participant; the order of joining breaks ties."""
-        port = Port(participant, 0)
+        port = Port(participant)
         self.adopt(port)
         return port
 
@@ -171,19 +171,19 @@ class Kernel:
             self._at(port.busy_until_ns, WAKE, port, self._timer, entry, timer_ns)
             return
         port.timer_ns = None
-        self._wake(port, None)
+        self._wake(port, by_frame=False)
 
     def _frame_due(self, port: Port) -> None:
         if port.busy_until_ns > self.now_ns:
             end_ns = next(arrival[0] for arrival, wakes in port.inbox if wakes)
             self._at(port.busy_until_ns, WAKE, port, self._frame_due, port, end_ns)
             return
-        self._wake(port, port)
+        self._wake(port, by_frame=True)
 
-    def _wake(self, port: Port, frame_from: Port | None) -> None:
+    def _wake(self, port: Port, by_frame: bool) -> None:
         self.waking = port.participant.name
         stored = port.take()
-        cause = None if frame_from is None else port.inbox.popleft()[0]
+        cause = port.inbox.popleft()[0] if by_frame else None
         reaction = port.participant.wake(self.now_ns, stored, cause)
         self._check_timer(port, reaction, self.now_ns + 1)
         self._react(port, reaction)
@@ -202,8 +202,7 @@ class Kernel:
     def _queue(self, entry: tuple[Port, int, int, bytes]) -> None:
         """Let a frame enter arbitration, at the earliest when all of this instant are queued."""
         port, sequence, identifier, data = entry
-        key = identifier << 21 if identifier <= STANDARD_MASK else arbitration_key(identifier)
-        heappush(self._pending, (key, port.order, self.now_ns, sequence, identifier, data))
+        heappush(self._pending, (arbitration_key(identifier), port.order, self.now_ns, sequence, identifier, data))
         if self._idle:
             self._idle = False
             self._at(max(self.now_ns, self._free_from_ns), ARBITRATE, None, self._arbitrate, None)

@@ -110,7 +110,7 @@ class Observer:
     def __init__(self, name: str, connection: Connection) -> None:
         self.name = name
         self.connection = connection
-        self.port = Port(Bystander(name), 0)
+        self.port = Port(Bystander(name))
         self.frames: list[Arrival] = []
         self.early: list[Arrival] = []
         self.lost = 0
