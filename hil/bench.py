@@ -22,7 +22,9 @@ from hil.node import Reaction
 from hil.processes import run_processes
 from hil.rig import make_kernel, run_inline
 from hil.scenario import Scenario
-from hil.wire.kernel import Arrival, Kernel
+from hil.wire import medium
+from hil.wire.kernel import Arrival
+from hil.wire.rates import Rates
 
 RUNS = 7
 FLOORS = {"processes": 2.0, "inline": 5.0}
@@ -58,7 +60,7 @@ def parts(scenario: Scenario) -> dict[str, float]:
     timed = [Timed(node) for node in build_nodes(scenario)]
     for participant in timed:
         kernel.join(participant)
-    bits_s = _time_frame_bits(kernel)
+    bits_s = _time_frame_bits()
     kernel.start()
     began = time.perf_counter()
     kernel.run(scenario.duration_ns - 1)
@@ -70,18 +72,18 @@ def parts(scenario: Scenario) -> dict[str, float]:
     return {name: wall_s * 1e6 / simulated_ms for name, wall_s in found.items()}
 
 
-def _time_frame_bits(kernel: Kernel) -> list[float]:
-    """Add up the time that exact frame lengths take in this kernel."""
+def _time_frame_bits() -> list[float]:
+    """Add up the time that exact frame lengths take, from here on."""
     spent = [0.0]
-    plain = kernel._bits
+    plain = medium.duration_ns
 
-    def timed(identifier: int, data: bytes) -> int:
+    def timed(identifier: int, data: bytes, rates: Rates) -> int:
         began = time.perf_counter()
-        bits = plain(identifier, data)
+        lasts_ns = plain(identifier, data, rates)
         spent[0] += time.perf_counter() - began
-        return bits
+        return lasts_ns
 
-    kernel._bits = timed  # type: ignore[method-assign]
+    medium.duration_ns = timed
     return spent
 
 

@@ -1,4 +1,4 @@
-"""The command line: `hil run`, `hil scenarios`, `hil bus`, `hil node`.
+"""The command line: `hil run`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
@@ -131,22 +131,65 @@ def scenarios() -> None:
 @app.command()
 @reported
 def bus(
-    channel: Annotated[str, typer.Argument(help="Name of the bus.")] = "arm",
+    channels: Annotated[list[str] | None, typer.Argument(help="Names of the buses; default: arm.")] = None,
     expect: Annotated[str, typer.Option(help="Timed clients to wait for: plant,dsp,joint1,...")] = "",
     bitrate: Annotated[int, typer.Option(min=10_000, max=1_000_000, help="Bits per second.")] = 1_000_000,
+    data_bitrate: Annotated[
+        int | None, typer.Option(min=10_000, max=20_000_000, help="CAN FD: bits per second of the data phase.")
+    ] = None,
     fidelity: Annotated[Literal["bits", "functional"], typer.Option(help="What a frame costs.")] = "bits",
+    pace: Annotated[
+        float | None,
+        typer.Option(min=1e-6, max=1e6, help="Virtual seconds a real second; default: as fast as it goes."),
+    ] = None,
+    go_on: Annotated[bool, typer.Option("--go-on", help="Go on without a timed client that dies.")] = False,
+    faults: Annotated[Path | None, typer.Option(help="Faults on the wire: a TOML file of [[fault]] tables.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of random bit errors.")] = 0,
 ) -> None:
-    """Serve the wire until Ctrl-C."""
-    from hil import scenario_file
-    from hil.bus import serve
+    """Serve buses until Ctrl-C; several share one virtual time."""
+    from hil.bus import BusOptions, serve
+    from hil.wire import fault_file, rates
 
-    if 1_000_000_000 % bitrate:
-        raise typer.BadParameter(f"--bitrate {bitrate}: {scenario_file.bit_time_refusal(bitrate)}")
-    names = list(dict.fromkeys(name.strip() for name in expect.split(",") if name.strip()))
     try:
-        serve(channel, names, 1_000_000_000 // bitrate, fidelity == "functional", _say)
+        bits = rates.of_bitrates(bitrate, data_bitrate)
+    except ValueError as error:
+        raise typer.BadParameter(f"--bitrate {bitrate} --data-bitrate {data_bitrate}: {error}") from None
+    names = list(dict.fromkeys(channels or ["arm"]))
+    functional = fidelity == "functional"
+    script = () if faults is None else fault_file.load(faults, functional, bits.fd)
+    awaited = tuple(dict.fromkeys(name.strip() for name in expect.split(",") if name.strip()))
+    try:
+        serve(names, BusOptions(bits, functional, awaited, pace, go_on, script, seed), _say)
     except KeyboardInterrupt:
-        _say(f"bus {channel!r}: ended")
+        _say(f"bus {', '.join(repr(name) for name in names)}: ended")
+
+
+@app.command()
+@reported
+def clock(
+    channel: Annotated[str, typer.Argument(help="Name of the bus.")] = "arm",
+    command: Annotated[
+        Literal["status", "pause", "step", "continue", "pace"], typer.Argument(help="What the bus shall do.")
+    ] = "status",
+    value: Annotated[
+        float | None,
+        typer.Argument(help="step: virtual seconds; pace: virtual seconds a real second (none: no limit)."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
+) -> None:
+    """Pause a bus, step it, let it go on, set its pace, or ask how it stands."""
+    from hil import show
+    from hil.wire import client
+
+    if value is not None and (command not in ("step", "pace") or not 1e-9 <= value <= 1e6):
+        raise typer.BadParameter(f"{command} {value}: step and pace take a number from 1e-9 to 1e6, the others none")
+    detail: dict[str, Any] = {}
+    if command == "step":
+        detail = {"step_ns": round((value or 1e-3) * 1e9)}
+    elif command == "pace":
+        detail = {"pace": value}
+    status = client.control(channel, command=command, **detail)
+    print(json.dumps(status)) if as_json else show.bus_status(channel, status)
 
 
 @app.command()

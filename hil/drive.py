@@ -6,7 +6,7 @@ Both hand a node its stored frames, then what wakes it, in the same order: so it
 from hil.errors import NodeError
 from hil.node import Node, Reaction
 from hil.wire import protocol
-from hil.wire.kernel import Arrival
+from hil.wire.port import Arrival
 from hil.wire.protocol import Connection
 
 RUN_IS_OVER = "the run is over"

@@ -7,6 +7,7 @@ from pathlib import Path
 import can
 
 from hil.wire.identifier import split_identifier
+from hil.wire.messages import to_message
 
 _RECORD = struct.Struct("<qIBB")
 EXTENDED_FLAG, REMOTE_FLAG = 1, 2
@@ -40,18 +41,3 @@ class FrameLog:
         with can.CanutilsLogWriter(str(path), channel=channel) as writer:
             for end_ns, identifier, data, _ in self.frames:
                 writer.on_message_received(to_message(end_ns, identifier, data, channel))
-
-
-def to_message(end_ns: int, identifier: int, data: bytes, channel: str | None = None) -> can.Message:
-    """Return a frame as python-can's message; the timestamp is virtual time in s."""
-    number, extended, remote = split_identifier(identifier)
-    return can.Message(
-        timestamp=end_ns * 1e-9,
-        arbitration_id=number,
-        is_extended_id=extended,
-        is_remote_frame=remote,
-        dlc=len(data),
-        data=None if remote else data,
-        channel=channel,
-        is_rx=True,
-    )

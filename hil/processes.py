@@ -26,7 +26,7 @@ from hil.scenario import Scenario
 from hil.watchdog import Notice, watchdog
 from hil.wire.channel import Listener
 from hil.wire.participants import OnWait
-from hil.wire.server import Server
+from hil.wire.server import Bus, Server
 
 START_S = 30.0
 """Wall time in which all nodes must have joined."""
@@ -71,7 +71,7 @@ def _run(
 ) -> Outcome:
     kernel = make_kernel(scenario)
     recorder = Recorder(kernel, load_arm())
-    server = Server(listener, kernel, node_names(scenario), on_wait)
+    server = Server([Bus(listener, kernel)], node_names(scenario), on_wait)
     reason = "the rig gave up"
     try:
         _gather(server, nodes)

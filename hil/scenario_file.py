@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from hil.errors import ScenarioError
 from hil.scenario import Scenario, to_ns
+from hil.wire.rates import bit_time_refusal
 
 SHORTEST_LAG_S = 1e-5
 """The plant takes steps of a quarter of the lag: below this it would hardly move."""
@@ -145,12 +146,6 @@ def _check_lengths(scenario: Scenario) -> None:
     for path, values in scenario.per_joint().items():
         if len(values) != joints:
             raise ScenarioError(f"{path} has {len(values)} entries, but arm.lengths_m has {joints}: one a joint")
-
-
-def bit_time_refusal(bitrate: int) -> str:
-    """Say why a bit rate is refused."""
-    lasts = f"a bit lasts {1e9 / bitrate:.3f} ns, which is no whole number"
-    return f"{lasts}; take 1000000, 800000, 500000, 250000 or 125000"
 
 
 def _check_rates(scenario: Scenario) -> None:

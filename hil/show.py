@@ -103,3 +103,27 @@ def _task(summary: dict[str, Any]) -> Table:
             cells.append(f"{run['max_position_deviation_m'][k] * 1000:.3f}")
         table.add_row(axis, *cells)
     return table
+
+
+def bus_status(channel: str, status: dict[str, Any]) -> None:
+    """Print how a bus stands: its clock, whom it waits for, and what every controller counted."""
+    console = Console()
+    pace = "as fast as it goes" if status["pace"] is None else f"{status['pace']:g} x real time"
+    console.print(f"bus {channel!r} at {status['now_ns'] * 1e-9:.6f} s, {'paused' if status['paused'] else pace}")
+    if status["waiting_for"]:
+        console.print(f"waiting for {status['waiting_for']['name']} for {status['waiting_for']['seconds']:.1f} s")
+    if status["missing"]:
+        console.print(f"not there yet: {', '.join(status['missing'])}")
+    for reason in status["died"]:
+        console.print(f"removed: {reason}")
+    table = Table()
+    for column in ("node", "channel", "state", "TEC", "REC", "sent", "received", "repeated", "errors", "lost"):
+        table.add_column(column)
+    for name, node in status["nodes"].items():
+        counts = [str(node[key]) for key in ("tec", "rec", "sent", "received", "repeated")]
+        table.add_row(name, node["channel"], node["state"], *counts, _causes(node["errors"]), _causes(node["lost"]))
+    console.print(table)
+
+
+def _causes(counts: dict[str, int]) -> str:
+    return ", ".join(f"{cause} {count}" for cause, count in counts.items()) or "0"

@@ -1,13 +1,16 @@
 """How many bits a classic CAN frame occupies on the wire, stuff bits included.
 
 Ref: Bosch, CAN Specification 2.0 (1991), part B: data frame, remote frame, CRC sequence, coding (bit stuffing).
-Not implemented: CAN FD, error and overload frames.
+Not implemented: FD frames (hil/wire/fd_bits.py), error and overload frames.
 
 A loop over bits costs 24 us a frame, byte tables 1 us: so both the CRC and the stuffing advance by whole bytes, through
 tables made here from their one-bit rules. What precedes the data differs between few frames only and is remembered.
 """
 
 from functools import lru_cache
+
+from hil.wire.identifier import check_number
+from hil.wire.stuffing import AFTER, START, STATES, STUFFED, stuff_bits
 
 INTERMISSION_BITS = 3
 """Recessive bits between two frames; no part of a frame's length."""
@@ -34,10 +37,10 @@ def frame_bits(
     a data frame of eight bytes may carry a DLC from 8 to 15.
     """
     usual = dlc is None and not remote and len(data) <= LONGEST_DATA
-    dlc = len(data) if usual else _checked_dlc(data, remote, dlc)
+    dlc = len(data) if usual else checked_dlc(data, remote, dlc)
     crc, state, bits = _header(identifier, dlc, extended, remote)
-    stuffed = _STUFFED
-    after = _AFTER
+    stuffed = STUFFED
+    after = AFTER
     table = _CRC15
     for byte in data:
         crc = (crc << 8 & 0x7FFF) ^ table[crc >> 7 ^ byte]
@@ -73,21 +76,15 @@ def crc15(data: bytes, crc: int = 0) -> int:
 def _header(identifier: int, dlc: int, extended: bool, remote: bool) -> tuple[int, int, int]:
     """Return the CRC and the stuffing state behind the DLC, and the frame's bits but for data and what it stuffs."""
     field, width = _header_field(identifier, dlc, extended, remote)
-    state, stuffed = _START, 0
-    for shift in reversed(range(width)):
-        state, stuff = _stuff_bit(state, field >> shift & 1)
-        stuffed += stuff
+    state, stuffed = stuff_bits(START, field, width)
     # The CRC starts from zero, so zeros in front of SOF, up to a whole byte, change nothing.
     crc = crc15(field.to_bytes((width + 7) // 8, "big"))
-    return crc, _STATES.index(state) << 8, width + stuffed + CRC_BITS + TRAILER_BITS
+    return crc, STATES.index(state) << 8, width + stuffed + CRC_BITS + TRAILER_BITS
 
 
 def _header_field(identifier: int, dlc: int, extended: bool, remote: bool) -> tuple[int, int]:
     """Return the bits from SOF (dominant, so a leading zero) to DLC as one number, and how many they are."""
-    limit = 0x1FFFFFFF if extended else 0x7FF
-    if not 0 <= identifier <= limit:
-        cure = "mask the flags off" if extended else "pass extended=True for 29 bits"
-        raise ValueError(f"identifier {identifier:#x} is outside 0..{limit:#x}: {cure}")
+    check_number(identifier, extended)
     if not extended:
         return identifier << 7 | remote << 6 | dlc, STANDARD_HEADER_BITS
     srr_ide = 0b11
@@ -96,8 +93,11 @@ def _header_field(identifier: int, dlc: int, extended: bool, remote: bool) -> tu
     ) << 7 | remote << 6 | dlc, EXTENDED_HEADER_BITS
 
 
-def _checked_dlc(data: bytes, remote: bool, dlc: int | None) -> int:
-    """Return the DLC of an unusual frame: remote, too long, or with a DLC of its own."""
+def checked_dlc(data: bytes, remote: bool, dlc: int | None) -> int:
+    """Return the DLC of a classic frame, remote or with a DLC of its own included.
+
+    ValueError says what cannot be sent.
+    """
     if len(data) > LONGEST_DATA:
         raise ValueError(f"data of {len(data)} bytes, the limit is {LONGEST_DATA}: split it over several frames")
     if remote and data:
@@ -111,31 +111,6 @@ def _checked_dlc(data: bytes, remote: bool, dlc: int | None) -> int:
     return dlc
 
 
-_STATES = [(level, run) for level in (0, 1) for run in (1, 2, 3, 4)]
-"""Level of the last bit on the wire and how many of it in a row; the fifth is answered at once by its stuff bit."""
-_START = (1, 1)
-"""The idle bus is recessive, so the dominant SOF always begins a run."""
-
-
-def _stuff_bit(state: tuple[int, int], bit: int) -> tuple[tuple[int, int], int]:
-    """Return the state after one bit, and the stuff bits (0 or 1) that it brings."""
-    level, run = state
-    if bit != level:
-        return (bit, 1), 0
-    if run < 4:
-        return (bit, run + 1), 0
-    return (1 - bit, 1), 1
-
-
-def _stuff_byte(state: tuple[int, int], byte: int) -> tuple[tuple[int, int], int]:
-    """Return the state after eight bits, most significant first, and the stuff bits that they bring."""
-    total = 0
-    for shift in reversed(range(8)):
-        state, stuffed = _stuff_bit(state, byte >> shift & 1)
-        total += stuffed
-    return state, total
-
-
 def _crc15_entry(byte: int) -> int:
     """Return what one byte at the top of the register does to it."""
     crc = byte << 7
@@ -145,8 +120,3 @@ def _crc15_entry(byte: int) -> int:
 
 
 _CRC15 = [_crc15_entry(byte) for byte in range(256)]
-_STEPS = [_stuff_byte(state, byte) for state in _STATES for byte in range(256)]
-_STUFFED = bytes(stuffed for _, stuffed in _STEPS)
-"""Stuff bits by (state number << 8 | byte)."""
-_AFTER = [_STATES.index(state) << 8 for state, _ in _STEPS]
-"""Next state number << 8, by the same index."""

@@ -71,6 +71,7 @@ class Listener:
     """The listening end of a channel, held until `close`. Raises ChannelError if another bus holds it."""
 
     def __init__(self, channel: str) -> None:
+        self.channel = channel
         self.path = socket_path(channel)
         sweep()
         self._lock = _take_lock(self.path.with_suffix(".lock"), channel)

@@ -1,53 +1,162 @@
 """The clients of a channel as the bus keeps them: those that time waits for, and observers."""
 
+import os
 import socket
 import struct
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Container, Sequence
 from contextlib import suppress
-from typing import Any
 
-from hil.errors import NodeError
 from hil.node import SILENT, Reaction
-from hil.wire import protocol
-from hil.wire.kernel import Arrival, Port
+from hil.wire import protocol, status_page
+from hil.wire.acceptance import NOTHING, Acceptance
+from hil.wire.hello import Change, Filter, Hello, check
+from hil.wire.periodic import PeriodicTask
+from hil.wire.port import ALL_ERRORS, IGNORES, NO_ERRORS, OWN_ERRORS, WATCHES, Arrival, Port
 from hil.wire.protocol import Closed, Connection, ProtocolError
+from hil.wire.status_page import Status, StatusPage
 
 WAIT_S = 0.25
 """Wall time after which a waiting bus says so, and looks whether it should go on."""
 OBSERVER_BYTES = 64 << 20
 """What is kept for an observer that reads too slowly; more is lost, and counted."""
 FRAMES_A_CHUNK = 4096
-FAR_NS = 1 << 62
+TASKS = 256
+"""Periodic tasks of one client."""
 
 OnWait = Callable[[str, float], None]
 """Called with (name of the timed client, wall seconds waited)."""
+OnEnd = Callable[["TimedClient", str | None], None]
+"""Called with a timed client that leaves, and the reason if that is an accident; may raise NodeError."""
 
 
-class _Everything(frozenset[int]):
-    """The identifiers of a client that is woken by every frame."""
-
-    def __contains__(self, _: object) -> bool:
-        return True
+def acceptance(filters: Sequence[Filter] | None, fd: bool) -> Acceptance:
+    """Return the frames that a client takes."""
+    return Acceptance([(each.can_id, each.can_mask, each.extended) for each in filters or ()], fd)
 
 
-class TimedClient:
-    """A timed client as the kernel's participant."""
+class Client:
+    """What timed clients and observers have in common: a connection, a controller, perhaps a status page."""
 
-    def __init__(self, hello: dict[str, Any], connection: Connection, on_wait: OnWait) -> None:
-        self.name: str = hello["name"]
-        self.start_ns: int | None = hello["start_ns"]
-        self.wakes_on = _Everything() if hello["wakes_on"] is None else frozenset(hello["wakes_on"])
-        self.stores = frozenset(hello["stores"])
+    stores: Container[int] = NOTHING
+
+    def __init__(self, hello: Hello, connection: Connection) -> None:
+        self.name = hello.name
+        self.hello = hello
         self.connection = connection
+        self.wakes_on: Container[int] = NOTHING
+        self.heard = 0
+        self.tasks: dict[int, PeriodicTask] = {}
+        self.port = self._make_port()
+        self.port.echo = hello.own
+        self.port.hears = {"none": NO_ERRORS, "own": OWN_ERRORS, "all": ALL_ERRORS}[hello.errors]
+        controller = self.port.controller
+        controller.depth, controller.fifo = hello.depth, hello.fifo
+        controller.one_shot, controller.discards = hello.one_shot, hello.discards
+        controller.listen_only = hello.listen_only
+        self.page: StatusPage | None = None
+
+    def _make_port(self) -> Port:
+        raise NotImplementedError
+
+    def set_filters(self, acceptance: Acceptance) -> None:
+        """Accept these frames from now on."""
+        raise NotImplementedError
+
+    def welcome(self, body: bytes) -> None:
+        """Let it in; raise Closed if it has gone."""
+        if not self.hello.page:
+            self.connection.send(protocol.WELCOME, body)
+            return
+        descriptor = status_page.make_file()
+        try:
+            self.page = StatusPage(descriptor)
+            self.connection.send_with_file(protocol.WELCOME, body, descriptor)
+        finally:
+            os.close(descriptor)
+
+    def publish(self) -> None:
+        """Write what its controller has come to into its status page."""
+        if self.page is not None:
+            controller = self.port.controller
+            confinement = controller.confinement
+            self.page.write(
+                Status(
+                    self.heard, controller.queued, confinement.state, confinement.tec & 0xFFFF, confinement.rec & 0xFFFF
+                )
+            )
+
+    def configure(self, body: bytes) -> None:
+        """Change its controller as it asks; ProtocolError for what is no change."""
+        change = check(Change, body)
+        if change.set_filters:
+            self.set_filters(acceptance(change.filters, self.hello.fd))
+        if change.listen_only is not None:
+            self.port.medium.listen_only(self.port, change.listen_only)
+        if change.flush:
+            self.port.medium.flush(self.port)
+        self._change_tasks(change)
+        self.port.medium.assess()
+
+    def _change_tasks(self, change: Change) -> None:
+        fd = self.port.medium.rates.fd
+        if change.periodic is not None:
+            if len(self.tasks) >= TASKS:
+                raise ProtocolError(f"more than {TASKS} periodic tasks: stop some")
+            task = change.periodic
+            frames = [frame.checked(fd) for frame in task.frames]
+            self._stop(task.task)
+            self.tasks[task.task] = PeriodicTask(self.port, frames, task.period_ns, task.duration_ns)
+        if change.modify is not None and change.modify.task in self.tasks:
+            self.tasks[change.modify.task].frames = [frame.checked(fd) for frame in change.modify.frames]
+        if change.stop is not None:
+            self._stop(change.stop)
+
+    def _stop(self, task: int) -> None:
+        if task in self.tasks:
+            self.tasks.pop(task).stopped = True
+
+    def retire(self) -> None:
+        """Take no more part than to see its frames out."""
+        for task in self.tasks.values():
+            task.stopped = True
+        self.wakes_on = self.stores = NOTHING
+
+    def close(self) -> None:
+        """Close its connection."""
+        self.connection.close()
+        if self.page is not None:
+            self.page.close()
+            self.page = None
+
+
+class TimedClient(Client):
+    """A timed client as the bus's participant."""
+
+    def __init__(self, hello: Hello, connection: Connection, on_wait: OnWait, on_end: OnEnd) -> None:
+        super().__init__(hello, connection)
+        self.start_ns = hello.start_ns
+        if hello.wakes_on is None:
+            self.wakes_on = acceptance(hello.filters, hello.fd)
+        else:
+            self.wakes_on = frozenset(hello.wakes_on)
+        self.stores = frozenset(hello.stores)
         self.left = False
         self._on_wait = on_wait
+        self._on_end = on_end
         seconds, rest = divmod(WAIT_S, 1.0)
         limit = struct.pack("@ll", int(seconds), int(rest * 1e6))
         connection.stream.setblocking(True)
         # Not settimeout: that polls before every receive, one more system call a wake-up.
         connection.stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
+
+    def _make_port(self) -> Port:
+        return Port(self)
+
+    def set_filters(self, acceptance: Acceptance) -> None:
+        """Be woken by these frames from now on."""
+        self.wakes_on = acceptance
 
     def start(self, now_ns: int) -> Reaction:
         """Start the client's time."""
@@ -58,64 +167,95 @@ class TimedClient:
         return self._exchange(protocol.GRANT, protocol.encode_grant(now_ns, stored, cause))
 
     def _exchange(self, kind: int, body: bytes) -> Reaction:
+        """Grant, and return what it answers; one that dies in the middle of its turn answers nothing."""
         if self.left:
             return SILENT
+        if self.page is not None:
+            self.publish()
         try:
             with suppress(Closed):  # it may have left already, with its last words in the stream
                 self.connection.send(kind, body)
             kind, body = self._receive()
             reaction = protocol.decode_yield(body)
+            if kind == protocol.YIELD:
+                self.heard += len(reaction[2])
+                return reaction
+            if kind != protocol.LEAVE:
+                raise ProtocolError(f"message {kind} where a yield was due")
         except Closed:
-            raise NodeError(f"{self.name} is gone: its connection to the bus broke") from None
+            return self._end(SILENT, f"{self.name} is gone: its connection to the bus broke")
         except ProtocolError as error:
-            raise NodeError(f"{self.name} does not keep to the protocol: {error}") from None
-        if kind == protocol.LEAVE:
-            self.left = True
-            return reaction[0], None, reaction[2]
-        if kind != protocol.YIELD:
-            raise NodeError(f"{self.name} does not keep to the protocol: message {kind} where a yield was due")
-        return reaction
+            return self._end(SILENT, f"{self.name} does not keep to the protocol: {error}")
+        return self._end((reaction[0], None, reaction[2]), None)
+
+    def _end(self, last: Reaction, reason: str | None) -> Reaction:
+        """Have its last words carried out, then let it go."""
+        self.left = True
+        self._on_end(self, reason)
+        return last
 
     def _receive(self) -> tuple[int, bytes]:
         since = None
         while True:
             try:
-                return self.connection.receive()
+                kind, body = self.connection.receive()
+                if kind != protocol.CONFIGURE:
+                    return kind, body
+                self.configure(body)
             except BlockingIOError:
                 since = time.monotonic() - WAIT_S if since is None else since
                 self._on_wait(self.name, time.monotonic() - since)
 
 
-class Bystander:
-    """An observer's participant: it sends, and is handed nothing by the kernel."""
+class _Window(Port):
+    """The port of an observer: it takes frames without ever being waited for."""
 
-    wakes_on: frozenset[int] = frozenset()
-    stores: frozenset[int] = frozenset()
+    participant: "Observer"
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def accepts(self, identifier: int) -> int:
+        """Return what it does with frames of this identifier."""
+        return WATCHES if identifier in self.participant.acceptance else IGNORES
 
-    def start(self, _now_ns: int) -> Reaction:
-        """Do nothing."""
-        return SILENT
+    def watch(self, arrival: Arrival) -> None:
+        """Keep a frame for the next flush."""
+        self.participant.frames.append(arrival)
 
-    def wake(self, _now_ns: int, _stored: list[Arrival], _cause: Arrival | None) -> Reaction:
-        """Do nothing."""
-        return SILENT
+    def hear(self, arrival: Arrival) -> None:
+        """Keep an error frame for the next flush."""
+        self.participant.frames.append(arrival)
 
 
-class Observer:
+class Observer(Client):
     """A client that is never waited for: frames are kept for it, up to a bound, and sent as its socket takes them."""
 
-    def __init__(self, name: str, connection: Connection) -> None:
-        self.name = name
-        self.connection = connection
-        self.port = Port(Bystander(name))
+    def __init__(self, hello: Hello, connection: Connection) -> None:
+        super().__init__(hello, connection)
+        self.acceptance: Container[int] = acceptance(hello.filters, hello.fd)
         self.frames: list[Arrival] = []
         self.early: list[Arrival] = []
         self.lost = 0
         self._chunks: deque[tuple[bytes, int]] = deque()
         self._bytes = 0
+
+    def _make_port(self) -> Port:
+        return _Window(self)
+
+    def set_filters(self, acceptance: Acceptance) -> None:
+        """See these frames from now on."""
+        self.acceptance = acceptance
+
+    def start(self, _now_ns: int) -> Reaction:
+        """Do nothing: nobody waits for it."""
+        return SILENT
+
+    def wake(self, _now_ns: int, _stored: list[Arrival], _cause: Arrival | None) -> Reaction:
+        """Do nothing: nobody waits for it."""
+        return SILENT
+
+    def retire(self) -> None:
+        """Take no more part than to see its frames out."""
+        super().retire()
+        self.acceptance = NOTHING
 
     @property
     def unsent(self) -> int:
@@ -124,6 +264,7 @@ class Observer:
 
     def flush(self) -> None:
         """Hand over what the socket takes without waiting; raise Closed if nobody is there."""
+        self.publish()
         self._pack()
         with suppress(BlockingIOError):
             while self._chunks:

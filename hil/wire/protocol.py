@@ -6,14 +6,17 @@ and the timer it wants. Nothing is pickled; whatever does not decode raises Prot
 
 | kind | from | body |
 | --- | --- | --- |
-| HELLO | client | JSON: name, timed, start_ns, wakes_on, stores (lists of identifiers, or null for every frame) |
-| WELCOME | bus | JSON: bit_ns (0: a frame takes no time), fidelity |
+| HELLO | client | JSON: what hello.py describes |
+| WELCOME | bus | JSON: bit_ns (0: a frame takes no time), data_bit_ns, fidelity; and the file of a status page |
 | REFUSED | bus | the reason, text |
 | START | bus | now |
 | GRANT | bus | now, whether a frame wakes, stored frames, the waking frame last |
 | YIELD, LEAVE | client | computing time, timer, frames to queue; LEAVE says that it is the last |
 | FRAMES | bus, to observers | frames that ended |
 | SEND | observer | frames to queue now |
+| CONFIGURE | client | JSON: what changes of its controller: filters, listen_only, flush, periodic, stop |
+| CONTROL | controlling client | JSON: a command to the clock |
+| STATUS | bus, to controlling clients | JSON: the answer |
 | END | bus | the reason, text |
 """
 
@@ -23,13 +26,14 @@ import struct
 from typing import Any
 
 from hil.node import Reaction
-from hil.wire.bits import LONGEST_DATA
-from hil.wire.identifier import is_identifier
-from hil.wire.kernel import Arrival
+from hil.wire.identifier import ERROR, FD, FD_LENGTHS, LONGEST_CLASSIC, OWN, STANDARD_MASK, is_identifier
+from hil.wire.port import Arrival
 
-HELLO, WELCOME, REFUSED, START, GRANT, YIELD, LEAVE, FRAMES, SEND, END = range(1, 11)
+HELLO, WELCOME, REFUSED, START, GRANT, YIELD, LEAVE, FRAMES, SEND, END, CONFIGURE, CONTROL, STATUS = range(1, 14)
 
 LONGEST_MESSAGE = 1 << 24
+FAR_NS = 1 << 62
+"""Later than anything happens."""
 NO_TIMER = -(1 << 63)
 RECEIVE_BYTES = 1 << 16
 
@@ -38,7 +42,7 @@ _TIME = struct.Struct("<q")
 _GRANT = struct.Struct("<qBI")
 _YIELD = struct.Struct("<qqI")
 _COUNT = struct.Struct("<I")
-_FRAME = struct.Struct("<qIB")
+_FRAME = struct.Struct("<qQB")
 FRAME_HEADER = _FRAME.size
 
 
@@ -51,10 +55,11 @@ class Closed(Exception):
 
 
 class Connection:
-    """One stream of messages."""
+    """One stream of messages, none longer than `longest` bytes."""
 
-    def __init__(self, stream: socket.socket) -> None:
+    def __init__(self, stream: socket.socket, longest: int = LONGEST_MESSAGE) -> None:
         self.stream = stream
+        self.longest = longest
         self._buffer = b""
 
     def fileno(self) -> int:
@@ -79,9 +84,33 @@ class Connection:
     def receive_one(self) -> tuple[int, bytes]:
         """Return the next message and read no byte of the one behind it, so that the socket tells if there is one."""
         length, kind = _PREFIX.unpack(self._exactly(_PREFIX.size))
-        if not 1 <= length <= LONGEST_MESSAGE:
-            raise ProtocolError(f"message of {length} bytes: 1 to {LONGEST_MESSAGE} are allowed")
+        self._check_length(length)
         return kind, self._exactly(length - 1)
+
+    def receive_with_file(self) -> tuple[int, bytes, int | None]:
+        """Return the next message, as `receive_one`, and the descriptor of a file that came with it."""
+        try:
+            prefix, descriptors, _, _ = socket.recv_fds(self.stream, _PREFIX.size, 1)
+        except ConnectionResetError as error:
+            raise Closed from error
+        if not prefix:
+            raise Closed
+        length, kind = _PREFIX.unpack(prefix + self._exactly(_PREFIX.size - len(prefix)))
+        self._check_length(length)
+        return kind, self._exactly(length - 1), descriptors[0] if descriptors else None
+
+    def send_with_file(self, kind: int, body: bytes, descriptor: int) -> None:
+        """Send one message and the descriptor of a file; raise Closed if nobody is there."""
+        data = message(kind, body)
+        try:
+            sent = socket.send_fds(self.stream, [data], [descriptor])
+            self.stream.sendall(data[sent:])
+        except OSError as error:
+            raise Closed from error
+
+    def _check_length(self, length: int) -> None:
+        if not 1 <= length <= self.longest:
+            raise ProtocolError(f"message of {length} bytes: 1 to {self.longest} are allowed")
 
     def _exactly(self, count: int) -> bytes:
         data = b""
@@ -111,8 +140,8 @@ class Connection:
         if len(buffer) < _PREFIX.size:
             return None
         length, kind = _PREFIX.unpack_from(buffer)
-        if not 1 <= length <= LONGEST_MESSAGE:
-            raise ProtocolError(f"message of {length} bytes: 1 to {LONGEST_MESSAGE} are allowed")
+        if not 1 <= length <= self.longest:
+            self._check_length(length)
         end = _PREFIX.size - 1 + length
         if len(buffer) < end:
             return None
@@ -141,12 +170,12 @@ def message(kind: int, body: bytes) -> bytes:
 
 
 def encode_json(values: dict[str, Any]) -> bytes:
-    """Return the body of HELLO and WELCOME."""
+    """Return the body of a message in JSON."""
     return json.dumps(values).encode()
 
 
 def decode_json(body: bytes) -> dict[str, Any]:
-    """Return the values of HELLO and WELCOME."""
+    """Return the values of a message in JSON."""
     try:
         values = json.loads(body)
     except (ValueError, RecursionError):
@@ -200,6 +229,8 @@ def decode_yield(body: bytes) -> Reaction:
         busy_ns, timer, count = _YIELD.unpack_from(body)
     except struct.error:
         raise ProtocolError("YIELD cut short") from None
+    if timer > FAR_NS or not 0 <= busy_ns <= FAR_NS:
+        raise ProtocolError(f"YIELD with {busy_ns} ns of computing and timer {timer} ns: beyond {FAR_NS} ns")
     return busy_ns, None if timer == NO_TIMER else timer, _decode_frames(body, _YIELD.size, count)
 
 
@@ -228,9 +259,11 @@ def _decode_frames(body: bytes, start: int, count: int) -> list[Arrival]:
     try:
         for _ in range(count):
             time_ns, identifier, length = unpack(body, start)
-            if length > LONGEST_DATA or not is_identifier(identifier):
-                raise ProtocolError(f"frame of identifier 0x{identifier:X} with {length} bytes is none")
+            if length > LONGEST_CLASSIC or identifier > STANDARD_MASK:
+                _check_unusual(identifier, length)
             end = start + FRAME_HEADER + length
+            if time_ns > FAR_NS:
+                raise ProtocolError(f"frame at {time_ns} ns: beyond {FAR_NS} ns")
             frames.append((time_ns, identifier, body[start + FRAME_HEADER : end]))
             start = end
     except struct.error:
@@ -238,3 +271,10 @@ def _decode_frames(body: bytes, start: int, count: int) -> list[Arrival]:
     if start != len(body):
         raise ProtocolError(f"{len(body) - start} bytes too many behind {count} frames")
     return frames
+
+
+def _check_unusual(identifier: int, length: int) -> None:
+    """Refuse what is no frame; what the bus hands out may be an error frame, or one's own."""
+    lengths = FD_LENGTHS if identifier & FD else range(LONGEST_CLASSIC + 1)
+    if length not in lengths or not (identifier & ERROR or is_identifier(identifier & ~OWN)):
+        raise ProtocolError(f"frame of identifier {identifier:#x} with {length} bytes is none")

@@ -1,59 +1,88 @@
-"""A bus for other processes: the kernel, and at its ports the clients of a channel.
+"""Buses for other processes: one kernel a channel, all in one virtual time, and at their ports the clients.
 
 Timed clients are waited for: each wake-up is one grant and one yield. Observers are not: they get every frame some time
 after it ended, and what they send is queued when it is read (the run is then no longer deterministic).
 
-Between slices of virtual time the server looks after the connections. A timed client that leaves without a word ends
-the session with NodeError; one that keeps the bus waiting is reported to `on_wait`, again and again.
+Between slices of virtual time the server looks after the connections. A timed client that dies ends the session with
+NodeError, or is removed and counted while the others go on; one that keeps the bus waiting is reported to `on_wait`.
 """
 
 import selectors
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
+from hil.errors import NodeError
+from hil.pace import Pace
 from hil.wire import protocol
+from hil.wire.admission import objection
 from hil.wire.channel import Listener
-from hil.wire.kernel import Arrival, Kernel
-from hil.wire.participants import FAR_NS, Observer, OnWait, TimedClient
-from hil.wire.protocol import Closed, Connection, ProtocolError
+from hil.wire.door import Door, refuse
+from hil.wire.events import BusEvent, error_frame
+from hil.wire.hello import Command, Hello
+from hil.wire.identifier import refusal
+from hil.wire.kernel import Kernel
+from hil.wire.participants import Client, Observer, OnWait, TimedClient
+from hil.wire.port import ALL_ERRORS, OWN_ERRORS, Arrival
+from hil.wire.protocol import FAR_NS, Closed, Connection, ProtocolError
 
 SLICE_NS = 5_000_000
 """Virtual time between two looks at the connections."""
 LAST_FRAMES_S = 5.0
 """Wall time that observers have at the end to take what is left for them."""
+IDLE_S = 0.1
+"""Wall time of one wait where nothing is due."""
+
+
+class Bus(NamedTuple):
+    """A channel and its bus."""
+
+    listener: Listener
+    kernel: Kernel
 
 
 class Server:
-    """One channel, and the session on it: from waiting for the expected clients to the end.
+    """Channels, and the session on them: from waiting for the expected clients to the end.
 
     expect: names of the timed clients that time waits for, in node order. Nobody else is timed then; with none
-    expected, whoever comes is, from that instant on. observers: those that a session before left.
+    expected, whoever comes is, from that instant on. Observers listen only where clients are expected, until they send.
+    go_on: a timed client that dies is removed and counted, instead of ending the session. observers: those that a
+    session before left, each with its channel.
     """
 
     def __init__(
         self,
-        listener: Listener,
-        kernel: Kernel,
+        buses: Sequence[Bus],
         expect: Sequence[str],
         on_wait: OnWait,
-        observers: Sequence[Observer] = (),
+        pace: Pace | None = None,
+        go_on: bool = False,
+        observers: Sequence[tuple[str, Observer]] = (),
     ) -> None:
-        self.kernel = kernel
+        self.buses = {bus.listener.channel: bus.kernel for bus in buses}
+        self.agenda = buses[0].kernel.agenda
         self.expect = tuple(expect)
-        self.on_wait = on_wait
+        self.pace = pace or Pace()
         self.deterministic = True
         self.timed: dict[str, TimedClient] = {}
         self.observers: list[Observer] = []
+        self.died: list[str] = []
+        self.waiting: tuple[str, float] | None = None
+        self._channels: dict[str, str] = {}
+        self._on_wait = on_wait
+        self._go_on = go_on
         self._lost_by_departed = 0
-        self._listener = listener
         self._started = False
+        self._running = False
+        self._guests: list[tuple[str, Hello, Connection]] = []
+        self._door = Door([bus.listener for bus in buses], self._receive_guest, self._command)
         self._selector = selectors.DefaultSelector()
-        self._selector.register(listener.socket, selectors.EVENT_READ, self._accept)
-        kernel.watchers.append(self._show)
-        for observer in observers:
-            self._admit_observer(observer.name, observer.connection)
+        self._selector.register(self._door, selectors.EVENT_READ, self._door.attend)
+        for bus in buses:
+            bus.kernel.medium.listeners.append(self._tell_error)
+        for channel, observer in observers:
+            self._admit_observer(channel, Observer(observer.hello, observer.connection))
 
     # -- the session --
 
@@ -62,36 +91,63 @@ class Server:
         return [name for name in self.expect if name not in self.timed]
 
     def start(self) -> None:
-        """Begin: those expected join the kernel in node order, and time starts where the earliest of them says."""
+        """Begin: those expected join their bus in node order, and time starts where the earliest of them says."""
         clients = sorted(self.timed.values(), key=lambda client: self._order(client.name))
         starts = [client.start_ns for client in clients if client.start_ns is not None]
-        self.kernel.now_ns = min(starts, default=self.kernel.now_ns)
-        for client in clients:
-            self.kernel.join(client)
+        self.agenda.now_ns = min(starts, default=self.agenda.now_ns)
         self._started = True
+        for client in [*clients, *self.observers]:
+            self.kernel_of(client).adopt(client.port)
         for observer in self.observers:
-            self.kernel.adopt(observer.port)
             self._queue(observer, observer.early)
-        self.kernel.start()
+        for client in clients:
+            client.port.begin()
 
     def _order(self, name: str) -> int:
         return self.expect.index(name) if name in self.expect else len(self.expect)
 
+    def kernel_of(self, client: Client) -> Kernel:
+        """Return the bus that a client is on."""
+        return self.buses[self._channels[client.name]]
+
     def run(self, until_ns: int) -> None:
-        """Carry virtual time to until_ns, or until the kernel is stopped or every timed client has left."""
-        kernel = self.kernel
-        while kernel.now_ns < until_ns and not kernel.stopped and not self.deserted:
-            kernel.run(min(until_ns, kernel.now_ns + SLICE_NS))
-            self.poll(0.0)
-        while self.deserted and not kernel.stopped and kernel.next_ns is not None and kernel.next_ns <= until_ns:
-            kernel.run(kernel.next_ns)
+        """Carry virtual time to until_ns, or until it is stopped or every timed client has left."""
+        agenda = self.agenda
+        self._running = True
+        while agenda.now_ns < until_ns and not agenda.stopped and not self.deserted:
+            self._advance(until_ns)
+            self.poll(self._patience_s(until_ns))
+        self._running = False
+        while self.deserted and not agenda.stopped and agenda.next_ns is not None and agenda.next_ns <= until_ns:
+            agenda.run(agenda.next_ns)
+
+    def _advance(self, until_ns: int) -> None:
+        """Carry time on by a slice, as far as the pace allows; where nothing will happen any more, leave it."""
+        agenda = self.agenda
+        due_ns = agenda.next_ns
+        if due_ns is None and self.pace.unlimited and until_ns >= FAR_NS:
+            return
+        slice_ns = max(agenda.now_ns + SLICE_NS, until_ns if due_ns is None else due_ns)
+        target_ns = min(until_ns, slice_ns, self.pace.limit_ns(agenda.now_ns))
+        if target_ns > agenda.now_ns:
+            agenda.run(target_ns)
+
+    def _patience_s(self, until_ns: int) -> float:
+        """Return how long to wait for connections before time must go on."""
+        agenda = self.agenda
+        if agenda.stopped or self.deserted or agenda.now_ns >= until_ns:
+            return 0.0
+        due_ns = until_ns if agenda.next_ns is None else min(agenda.next_ns, until_ns)
+        if due_ns >= FAR_NS:
+            return IDLE_S
+        return min(self.pace.wait_s(agenda.now_ns, due_ns), IDLE_S)
 
     @property
     def deserted(self) -> bool:
         """Every timed client that was there has left."""
         return bool(self.timed) and all(client.left for client in self.timed.values())
 
-    def end(self, reason: str, keep_observers: bool = False) -> list[Observer]:
+    def end(self, reason: str, keep_observers: bool = False) -> list[tuple[str, Observer]]:
         """Tell everybody that the session is over, observers after all their frames; return those that are kept."""
         deadline = time.monotonic() + LAST_FRAMES_S
         while any(observer.unsent for observer in self.observers) and time.monotonic() < deadline:
@@ -99,14 +155,16 @@ class Server:
         for observer in self.observers:
             observer.lost += observer.unsent
         kept = self.observers if keep_observers else []
-        leaving = [client.connection for client in self.timed.values()]
-        leaving += [observer.connection for observer in self.observers if observer not in kept]
-        for connection in leaving:
+        leaving: list[Client] = [*self.timed.values(), *(each for each in self.observers if each not in kept)]
+        for client in leaving:
             with suppress(Closed):
-                connection.send(protocol.END, reason.encode())
+                client.connection.send(protocol.END, reason.encode())
+            client.close()
+        for _, _, connection in self._guests:
             connection.close()
         self._selector.close()
-        return kept
+        self._door.close()
+        return [(self._channels[observer.name], observer) for observer in kept]
 
     @property
     def lost_frames(self) -> int:
@@ -117,8 +175,13 @@ class Server:
 
     def poll(self, timeout_s: float) -> None:
         """Look after the connections, waiting at most timeout_s of wall time for something to do."""
-        for key, _ in self._selector.select(timeout_s):
+        ready = self._selector.select(timeout_s)
+        if ready and self._running and not self.pace.unlimited:
+            self._advance(FAR_NS)  # what arrives now is stamped now
+        for key, _ in ready:
             key.data()
+        while self._guests:
+            self._admit(*self._guests.pop(0))
         if not self._started:
             self.timed = {name: client for name, client in self.timed.items() if not client.connection.is_closed()}
         for observer in list(self.observers):
@@ -127,83 +190,114 @@ class Server:
             except Closed:
                 self._dismiss(observer)
 
-    def _accept(self) -> None:
-        try:
-            stream, _ = self._listener.socket.accept()
-        except OSError:
-            return
-        stream.setblocking(False)
-        connection = Connection(stream)
-        self._selector.register(connection, selectors.EVENT_READ, lambda: self._greet(connection))
+    def _receive_guest(self, channel: str, hello: Hello, connection: Connection) -> None:
+        self._guests.append((channel, hello, connection))
 
-    def _greet(self, connection: Connection) -> None:
-        """Take the client's HELLO; a stranger that says anything else is shown out."""
-        try:
-            connection.fill()
-            message = connection.next_message()
-            if message is not None:
-                self._selector.unregister(connection)
-                self._admit(check_hello(*message), connection)
-        except (Closed, BlockingIOError):
-            self._forget(connection)
-        except ProtocolError as error:
-            self._refuse(connection, str(error))
-
-    def _admit(self, hello: dict[str, Any], connection: Connection) -> None:
-        name = hello["name"]
-        taken = {*(c.name for c in self.timed.values() if not c.left), *(observer.name for observer in self.observers)}
-        if name in taken:
-            self._refuse(connection, f"there is a client of the name {name!r} already: give it another")
-        elif hello["timed"] and self.expect and name not in self.expect:
-            expected = ", ".join(self.expect)
-            self._refuse(connection, f"time waits for {expected} only: join with timed=False")
-        elif self._started and hello["start_ns"] is not None and hello["start_ns"] < self.kernel.now_ns:
-            now_s, wanted_s = self.kernel.now_ns * 1e-9, hello["start_ns"] * 1e-9
-            self._refuse(
-                connection,
-                f"its time begins at {wanted_s:.3f} s, but here it is {now_s:.3f} s already: "
-                "a bus that waits for its clients is started with --expect",
-            )
-        elif not hello["timed"] and name in self.expect:
-            self._refuse(connection, f"time waits for a timed client of the name {name!r}: take another")
+    def _admit(self, channel: str, hello: Hello, connection: Connection) -> None:
+        reason = objection(hello, self.buses[channel], self.expect, self._names(), self.agenda.now_ns, self._started)
+        if reason is not None:
+            refuse(connection, reason)
+            connection.close()
+        elif hello.role == "timed":
+            self._admit_timed(channel, hello, connection)
         else:
-            self._welcome(connection)
-            if hello["timed"]:
-                self._admit_timed(hello, connection)
-            else:
-                self._admit_observer(name, connection)
+            self._admit_observer(channel, Observer(hello, connection))
 
-    def _admit_timed(self, hello: dict[str, Any], connection: Connection) -> None:
-        client = self.timed[hello["name"]] = TimedClient(hello, connection, self.on_wait)
-        if self._started:
-            self.kernel.begin(self.kernel.join(client))
+    def _names(self) -> set[str]:
+        timed = {client.name for client in self.timed.values() if not client.left}
+        return timed | {observer.name for observer in self.observers}
 
-    def _admit_observer(self, name: str, connection: Connection) -> None:
-        observer = Observer(name, connection)
+    def _welcome(self, client: Client) -> bool:
+        kernel = self.kernel_of(client)
+        fidelity = "functional" if kernel.functional else "bits"
+        welcome = {"bit_ns": kernel.bit_ns, "data_bit_ns": kernel.rates.data_bit_ns, "fidelity": fidelity}
+        try:
+            client.welcome(protocol.encode_json(welcome))
+        except Closed:
+            client.close()
+            return False
+        client.publish()
+        return True
+
+    def _admit_timed(self, channel: str, hello: Hello, connection: Connection) -> None:
+        client = TimedClient(hello, connection, self._wait, self._departed)
+        self._channels[client.name] = channel
+        if not self._welcome(client):
+            return
+        self.timed[client.name] = client
         if self._started:
-            self.kernel.adopt(observer.port)
+            self.kernel_of(client).adopt(client.port)
+            client.port.begin()
+
+    def _departed(self, client: TimedClient, reason: str | None) -> None:
+        """A timed client has left, or died: that ends the session, or it is removed and counted."""
+        if reason is not None and not self._go_on:
+            raise NodeError(reason)
+        if reason is not None:
+            self.died.append(reason)
+        client.retire()
+        self.kernel_of(client).retire(client.port)
+
+    def _admit_observer(self, channel: str, observer: Observer) -> None:
+        self._channels[observer.name] = channel
+        if self.expect:
+            observer.port.controller.listen_only = True
+        if not self._welcome(observer):
+            return
+        if self._started:
+            self.kernel_of(observer).adopt(observer.port)
         self.observers.append(observer)
-        self._selector.register(connection, selectors.EVENT_READ, lambda: self._hear(observer))
-
-    def _welcome(self, connection: Connection) -> None:
-        fidelity = "functional" if self.kernel.functional else "bits"
-        welcome = {"bit_ns": self.kernel.bit_ns, "fidelity": fidelity}
-        connection.send(protocol.WELCOME, protocol.encode_json(welcome))
-
-    def _refuse(self, connection: Connection, reason: str) -> None:
-        with suppress(Closed):
-            connection.send(protocol.REFUSED, reason.encode())
-        self._forget(connection)
-
-    def _forget(self, connection: Connection) -> None:
-        if connection.fileno() in self._selector.get_map():
-            self._selector.unregister(connection)
-        connection.close()
+        self._selector.register(observer.connection, selectors.EVENT_READ, lambda: self._hear(observer))
 
     def _dismiss(self, observer: Observer) -> None:
-        self._forget(observer.connection)
+        self._selector.unregister(observer.connection)
+        observer.retire()
+        observer.close()
         self.observers.remove(observer)
         self._lost_by_departed += observer.lost
+        if self._started:
+            self.kernel_of(observer).retire(observer.port)
+
+    # -- waiting, and the clock --
+
+    def _wait(self, name: str, waited_s: float) -> None:
+        """Say whom the bus waits for; look after the door meanwhile."""
+        self.waiting = name, waited_s
+        try:
+            self._door.attend()
+            self._on_wait(name, waited_s)
+        finally:
+            self.waiting = None
+
+    def _command(self, command: Command) -> dict[str, Any]:
+        now_ns, pace = self.agenda.now_ns, self.pace
+        if command.command == "pause":
+            pace.pause(now_ns)
+        elif command.command == "continue":
+            pace.resume()
+        elif command.command == "step":
+            pace.step(now_ns, command.step_ns or SLICE_NS)
+        elif command.command == "pace":
+            pace.set(command.pace or float("inf"))
+        return self.status()
+
+    def status(self) -> dict[str, Any]:
+        """Return how things stand: time, pace, whom the bus waits for, and what every controller counted."""
+        waiting = None if self.waiting is None else {"name": self.waiting[0], "seconds": self.waiting[1]}
+        nodes = {
+            port.name: port.controller.counts() | {"channel": channel}
+            for channel, kernel in self.buses.items()
+            for port in kernel.ports
+        }
+        return {
+            "now_ns": self.agenda.now_ns,
+            "pace": None if self.pace.unlimited else self.pace.rate,
+            "paused": self.pace.paused,
+            "waiting_for": waiting,
+            "missing": [] if self._started else self.missing(),
+            "died": self.died,
+            "nodes": nodes,
+        }
 
     # -- observers --
 
@@ -212,51 +306,46 @@ class Server:
         try:
             observer.connection.fill()
             while (message := observer.connection.next_message()) is not None:
-                kind, body = message
-                if kind == protocol.LEAVE:
-                    raise Closed
-                if kind != protocol.SEND:
-                    raise ProtocolError(f"message {kind} from an observer")
-                self.deterministic = False
-                self._queue(observer, protocol.decode_frames(body))
+                self._take(observer, *message)
         except BlockingIOError:
             return
-        except (Closed, ProtocolError):
+        except ProtocolError as error:
+            refuse(observer.connection, str(error))
             self._dismiss(observer)
+        except Closed:
+            self._dismiss(observer)
+
+    def _take(self, observer: Observer, kind: int, body: bytes) -> None:
+        if kind == protocol.LEAVE:
+            raise Closed
+        if kind not in (protocol.SEND, protocol.CONFIGURE):
+            raise ProtocolError(f"message {kind} from an observer")
+        self.deterministic = False
+        if kind == protocol.CONFIGURE:
+            observer.configure(body)
+        else:
+            self._queue(observer, protocol.decode_frames(body))
 
     def _queue(self, observer: Observer, frames: list[Arrival]) -> None:
         """Queue its frames now; before the start, at the start."""
         if not self._started:
-            observer.early += frames
+            room = observer.hello.depth - len(observer.early)
+            observer.early += frames[:room]
+            observer.port.controller.lost["transmit queue full"] += len(frames[room:])
             return
+        kernel, medium = self.kernel_of(observer), observer.port.medium
+        if frames and not observer.hello.listen_only and observer.port.controller.listen_only:
+            medium.listen_only(observer.port, False)
         for _, identifier, data in frames:
-            self.kernel.send(observer.port, identifier, data)
+            reason = refusal(identifier, len(data), kernel.rates.fd)
+            if reason:
+                raise ProtocolError(reason)
+            kernel.send(observer.port, identifier, data)
+        observer.heard += len(frames)
 
-    def _show(self, end_ns: int, identifier: int, data: bytes, sender: str) -> None:
-        """Keep a frame for every observer but the one that sent it."""
-        for observer in self.observers:
-            if observer.name != sender:
-                observer.frames.append((end_ns, identifier, data))
-
-
-def check_hello(kind: int, body: bytes) -> dict[str, Any]:
-    """Return a HELLO's values, each of its type; raise ProtocolError."""
-    if kind != protocol.HELLO:
-        raise ProtocolError(f"message {kind} where HELLO was due")
-    hello = protocol.decode_json(body)
-    wanted: dict[str, Any] = {
-        "name": str,
-        "timed": bool,
-        "start_ns": (int, type(None)),
-        "wakes_on": (list, type(None)),
-        "stores": list,
-    }
-    for key, kinds in wanted.items():
-        if not isinstance(hello.get(key), kinds):
-            raise ProtocolError(f"HELLO: {key} = {hello.get(key)!r} is not what it should be")
-    for identifier in [*(hello["wakes_on"] or []), *hello["stores"]]:
-        if not isinstance(identifier, int) or not 0 <= identifier < 1 << 32:
-            raise ProtocolError(f"HELLO: identifier {identifier!r} is none")
-    if hello["start_ns"] is not None and abs(hello["start_ns"]) > FAR_NS:
-        raise ProtocolError(f"HELLO: start_ns = {hello['start_ns']} is beyond +-{FAR_NS}")
-    return hello
+    def _tell_error(self, event: BusEvent) -> None:
+        """Show an event as an error frame to whoever listens for those."""
+        arrival = (event.time_ns, *error_frame(event))
+        for port in event.port.medium.ports:
+            if port.hears == ALL_ERRORS or (port.hears == OWN_ERRORS and port is event.port):
+                port.hear(arrival)

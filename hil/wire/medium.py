@@ -1,0 +1,471 @@
+"""One bus: whose frame goes next, when it ends, who gets it.
+
+An undisturbed frame is computed whole: it starts, and ends its exact number of bits later. Where a fault touches the
+bus, its controllers are played bit by bit (bit_play.py) until all are idle again.
+
+Ref: ISO 11898-1:2015, 10.4.6 (intermission), 10.8 (arbitration), 12.1.4 (fault confinement).
+"""
+
+from collections.abc import Callable, Sequence
+from heapq import heapify, heappop, heappush
+from typing import Protocol
+
+from hil.wire import controller as cause
+from hil.wire.agenda import ARBITRATE, DELIVER, QUEUE, Agenda
+from hil.wire.bit_level import (
+    ACK_ERROR,
+    ARBITRATION_LOST,
+    BUS_ERROR,
+    DELIMITER_BITS,
+    EOF_BITS,
+    FLAG_BITS,
+    INTERMISSION_BITS,
+    SUSPEND_BITS,
+)
+from hil.wire.bit_play import BitPlay, Flips
+from hil.wire.controller import Entry
+from hil.wire.duration import duration_ns
+from hil.wire.events import ERROR_NAMES, OVERRUN, STATUS, BusEvent
+from hil.wire.identifier import ESI, FD, OWN, arbitration_key
+from hil.wire.port import IGNORES, LONG_AGO_NS, WATCHES, Arrival, Port, route_key
+from hil.wire.rates import Rates
+from hil.wire.recovery import Recovery
+
+Watcher = Callable[[int, int, bytes, str], None]
+"""Called with (end of frame in ns, identifier, data, sender) for every frame on the bus."""
+
+Listener = Callable[[BusEvent], None]
+
+ROUTES = 4096
+"""Identifiers whose acceptance is remembered; random ones must not fill the memory."""
+
+
+class Faults(Protocol):
+    """What disturbs frames."""
+
+    def flips(self, sender: str, identifier: int, data: bytes) -> Flips:
+        """Return the bits of this frame that are inverted, and for whom."""
+
+
+class Medium:
+    """One bus. `functional`: frames take no time, and nothing disturbs them."""
+
+    def __init__(self, agenda: Agenda, rates: Rates, functional: bool = False) -> None:
+        self.agenda = agenda
+        self.rates = rates
+        self.functional = functional
+        self.ports: list[Port] = []
+        self.watchers: list[Watcher] = []
+        self.listeners: list[Listener] = []
+        self.faults: Faults | None = None
+        self.stuck: set[Port] = set()
+        self.play: BitPlay | None = None
+        self.recovery = Recovery(self)
+        self.busy_ns = 0
+        self.pending: list[Entry] = []
+        self._bit_ns = 0 if functional else rates.bit_ns
+        self._by_order: dict[int, Port] = {}
+        self._routes: dict[int, list[tuple[Port, int]]] = {}
+        self._sequence = 0
+        self._idle = True
+        self._plain = False
+        self._free_from_ns = LONG_AGO_NS
+        self._current: Entry | None = None
+        self._since_ns = 0
+        self._planned_ns = 0
+
+    # -- who takes part --
+
+    def attach(self, port: Port) -> None:
+        """Add a participant; it takes part from the next frame on."""
+        port.medium, port.agenda = self, self.agenda
+        self.ports.append(port)
+        self.ports.sort(key=lambda each: each.order)
+        self._by_order[port.order] = port
+        if self.play is not None:
+            self.play.add(port)
+        self.assess()
+
+    def detach(self, port: Port) -> list[Entry]:
+        """Take a participant off the bus, in the middle of a frame if it must be; return what it had to send."""
+        if self._current is not None and self._matters(port, self._current):
+            self.disturb()
+        entries = sorted(entry for entry in self.pending if entry[1] == port.order)
+        self.pending = [entry for entry in self.pending if entry[1] != port.order]
+        heapify(self.pending)
+        self.ports.remove(port)
+        del self._by_order[port.order]
+        self.stuck.discard(port)
+        if self.play is not None:
+            self.play.drop(port)
+        self.assess()
+        return entries
+
+    def _matters(self, port: Port, current: Entry) -> bool:
+        """Return whether a frame on the wire needs this participant: its sender, or the only one to acknowledge it."""
+        others = {port.order, current[1]}
+        return port.order == current[1] or not any(
+            other.controller.acknowledges for other in self.ports if other.order not in others
+        )
+
+    def assess(self) -> None:
+        """Look at everybody anew: after a change of who takes part, of filters, of error states."""
+        self._routes.clear()
+        ready = [port for port in self.ports if port.controller.acknowledges]
+        self._plain = self.functional or (
+            self.faults is None
+            and not self.stuck
+            and len(ready) > 1
+            and all(port.controller.plain for port in self.ports)
+        )
+        self.recovery.off = [port for port in self.ports if port.controller.confinement.off]
+
+    # -- transmit queues --
+
+    def queue(self, port: Port, identifier: int, data: bytes) -> bool:
+        """Transmit: put a frame into a controller's queue; return whether there was room."""
+        controller = port.controller
+        if controller.queued >= controller.depth or controller.listen_only:
+            controller.lost[cause.LISTEN_ONLY if controller.listen_only else cause.QUEUE_FULL] += 1
+            return False
+        controller.queued += 1
+        if controller.queue_delay_ns:
+            due_ns = self.agenda.now_ns + controller.queue_delay_ns
+            self.agenda.at(due_ns, QUEUE, port.order, self._enter_late, (port, identifier, data))
+        else:
+            self._enter(port, identifier, data)
+        return True
+
+    def _enter_late(self, frame: tuple[Port, int, bytes]) -> None:
+        frame[0].medium._enter(*frame)
+
+    def _enter(self, port: Port, identifier: int, data: bytes) -> None:
+        """Let a frame enter arbitration, at the earliest when all of this instant are queued."""
+        if port.order not in self._by_order:
+            return
+        self._sequence += 1
+        now_ns = self.agenda.now_ns
+        entry = (arbitration_key(identifier), port.order, now_ns, self._sequence, identifier, data)
+        if port.controller.fifo:
+            port.controller.waiting.append(entry)
+            if len(port.controller.waiting) > 1:
+                return
+        heappush(self.pending, entry)
+        if self._idle:
+            self._idle = False
+            self.agenda.at(max(now_ns, self._free_from_ns), ARBITRATE, -1, self._arbitrate, None)
+
+    def adopt(self, entries: Sequence[Entry]) -> None:
+        """Take over what a participant had to send elsewhere."""
+        for entry in entries:
+            heappush(self.pending, entry)
+        self.rouse()
+
+    def leave_queue(self, port: Port, reason: str | None = None) -> None:
+        """Count a frame out of a queue: sent, or lost for a reason; a first-in-first-out queue moves up."""
+        controller = port.controller
+        controller.queued -= 1
+        controller.left += 1
+        if reason is not None:
+            controller.lost[reason] += 1
+        if controller.fifo:
+            controller.waiting.popleft()
+            if controller.waiting:
+                heappush(self.pending, controller.waiting[0])
+        if controller.babbles is not None and not self._waits(port, controller.babbles[0]):
+            self.queue(port, *controller.babbles)
+
+    def _waits(self, port: Port, identifier: int) -> bool:
+        return any(entry[1] == port.order and entry[4] == identifier for entry in self.pending)
+
+    def flush(self, port: Port, reason: str = cause.FLUSHED) -> None:
+        """Drop what a controller has not begun to send."""
+        controller = port.controller
+        sending = self._current if self.play is None else self.play.sending(port)
+        entries = [entry for entry in self.pending if entry[1] == port.order and entry is not sending]
+        self.pending = [entry for entry in self.pending if entry[1] != port.order or entry is sending]
+        heapify(self.pending)
+        kept = [entry for entry in controller.waiting if entry is sending]
+        dropped = len(controller.waiting) - len(kept) if controller.fifo else len(entries)
+        controller.waiting.clear()
+        controller.waiting.extend(kept)
+        controller.queued -= dropped
+        controller.left += dropped
+        controller.lost[reason] += dropped
+
+    def listen_only(self, port: Port, listen_only: bool) -> None:
+        """Let a controller only listen, or take part again; what it had to send is lost."""
+        if listen_only and not port.controller.listen_only:
+            self.flush(port, cause.LISTEN_ONLY)
+        port.controller.listen_only = listen_only
+        self.assess()
+
+    def head(self, port: Port) -> Entry | None:
+        """Return what a controller would send now."""
+        return min((entry for entry in self.pending if entry[1] == port.order), default=None)
+
+    # -- arbitration --
+
+    def rouse(self) -> None:
+        """Arbitrate, if somebody waits and nobody sends: after a recovery, a return, a suspension."""
+        if self.pending and self._current is None and self.play is None:
+            self._idle = False
+            self.agenda.at(max(self.agenda.now_ns, self._free_from_ns), ARBITRATE, -1, self._arbitrate, None)
+
+    def _arbitrate(self, _: None) -> None:
+        """Start the frame that wins, unless somebody has started since this was put down."""
+        if self._current is not None or self.play is not None or self.agenda.now_ns < self._free_from_ns:
+            return
+        if not self.pending:
+            self._idle = True
+        elif self._plain:
+            self._start(heappop(self.pending))
+        else:
+            self._arbitrate_with_care()
+
+    def _start(self, entry: Entry) -> None:
+        self._current = entry
+        end_ns = self._since_ns = self.agenda.now_ns
+        if not self.functional:
+            identifier = entry[4] if entry[4] < FD else self.identifier(entry)
+            lasts_ns = duration_ns(identifier, entry[5], self.rates)
+            self._planned_ns = lasts_ns + INTERMISSION_BITS * self._bit_ns
+            self.busy_ns += self._planned_ns
+            end_ns += lasts_ns
+        self.agenda.at(end_ns, DELIVER, entry[1], self._deliver, entry)
+
+    def identifier(self, entry: Entry) -> int:
+        """Return a frame's identifier with its flags; an FD frame tells that its sender is error-passive."""
+        passive = entry[4] & FD and self._by_order[entry[1]].controller.confinement.passive
+        return entry[4] | ESI if passive else entry[4]
+
+    def _arbitrate_with_care(self) -> None:
+        """Arbitrate where somebody is passive, off, listening only, discards what loses, or a fault is due."""
+        now_ns = self.agenda.now_ns
+        able = [entry for entry in self.pending if self._able(entry, now_ns)]
+        if not able:
+            waits = [self._by_order[entry[1]].controller.suspended_until_ns for entry in self.pending]
+            until_ns = min((wait for wait in waits if wait > now_ns), default=None)
+            self._idle = until_ns is None
+            if until_ns is not None:
+                self.agenda.at(until_ns, ARBITRATE, -1, self._arbitrate, None)
+            return
+        winner = min(able)
+        for loser in self._losers(able, winner):
+            self.lose(self._by_order[loser[1]], loser, 32 - (loser[0] ^ winner[0]).bit_length())
+        self.take(winner)
+        self._start_with_care(winner)
+
+    def _able(self, entry: Entry, now_ns: int) -> bool:
+        controller = self._by_order[entry[1]].controller
+        return not controller.confinement.off and controller.suspended_until_ns <= now_ns
+
+    def _losers(self, able: list[Entry], winner: Entry) -> list[Entry]:
+        """Return the frames that are given up because they lose."""
+        ports = {entry[1] for entry in able if self._by_order[entry[1]].controller.discards} - {winner[1]}
+        heads = [min(entry for entry in able if entry[1] == order) for order in sorted(ports)]
+        return [head for head in heads if head[0] != winner[0]]
+
+    def lose(self, port: Port, entry: Entry, bit: int) -> None:
+        """Arbitration Lost: give the frame up, and say so."""
+        self.take(entry)
+        self.leave_queue(port, cause.ARBITRATION)
+        self.tell(BusEvent(self.agenda.now_ns, port, ARBITRATION_LOST, number=bit))
+
+    def take(self, entry: Entry) -> None:
+        """Take a frame out of those that wait."""
+        self.pending.remove(entry)
+        heapify(self.pending)
+
+    def _start_with_care(self, entry: Entry) -> None:
+        port = self._by_order[entry[1]]
+        self.recovery.dominant()
+        flips = self.flips(entry)
+        if flips or self.stuck:
+            heappush(self.pending, entry)
+            self.play = BitPlay(self, flips)
+        elif any(other.controller.acknowledges for other in self.ports if other is not port):
+            self._start(entry)
+        else:
+            self._start_unacknowledged(entry)
+
+    def flips(self, entry: Entry) -> Flips:
+        """Return the bits of this frame that a fault inverts."""
+        if self.faults is None:
+            return {}
+        return self.faults.flips(self._by_order[entry[1]].name, self.identifier(entry), entry[5])
+
+    # -- the end of a frame --
+
+    def _deliver(self, entry: Entry) -> None:
+        if entry is not self._current:
+            return
+        self._current = None
+        port = self._by_order[entry[1]]
+        port.controller.sent += 1
+        self.leave_queue(port)
+        now_ns, identifier, data = self.agenda.now_ns, entry[4], entry[5]
+        if identifier >= FD:
+            identifier = self.identifier(entry)
+        arrival = (now_ns, identifier, data)
+        for receiver, how in self._routes.get(identifier) or self._route(identifier):
+            if receiver is not port:
+                self._hand_over(receiver, arrival, how)
+            elif port.echo:
+                self._hand_over(port, (now_ns, identifier | OWN, data), how)
+        for watcher in self.watchers:
+            watcher(now_ns, identifier, data, port.name)
+        self._free_from_ns = now_ns + INTERMISSION_BITS * self._bit_ns
+        if not self._plain:
+            self._settle(port)
+        if self.pending:
+            self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
+        else:
+            self._idle = True
+
+    def _hand_over(self, receiver: Port, arrival: Arrival, how: int) -> None:
+        receiver.controller.received += 1
+        if how == WATCHES:
+            receiver.watch(arrival)
+        else:
+            receiver.take(arrival, how)
+
+    def _route(self, identifier: int) -> list[tuple[Port, int]]:
+        """Find who accepts an identifier, and what it does with it; found once, kept."""
+        key = route_key(identifier)
+        route = [(port, how) for port in self.ports if (how := port.accepts(key)) != IGNORES]
+        if len(self._routes) >= ROUTES:
+            self._routes.clear()
+        self._routes[identifier] = route
+        return route
+
+    def _settle(self, sender: Port) -> None:
+        """Count a good frame for everybody (rules 7 and 8); let a passive sender wait longer."""
+        for port in self.ports:
+            if port is sender:
+                port.controller.confinement.transmitted()
+            elif port.controller.acknowledges:
+                port.controller.confinement.received()
+        if sender.controller.confinement.passive:
+            sender.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * self._bit_ns
+        self.recovery.recessive(self.agenda.now_ns - (EOF_BITS + 1) * self._bit_ns)
+        self.check_states()
+
+    # -- nobody there --
+
+    def _start_unacknowledged(self, entry: Entry) -> None:
+        """Begin a frame that nobody will acknowledge: the error is due behind the ACK slot."""
+        self._current, self._since_ns = entry, self.agenda.now_ns
+        lasts_ns = duration_ns(self.identifier(entry), entry[5], self.rates) - (1 + EOF_BITS) * self._bit_ns
+        self._planned_ns = lasts_ns
+        self.busy_ns += lasts_ns
+        self.agenda.at(self.agenda.now_ns + lasts_ns, DELIVER, entry[1], self._not_acknowledged, entry)
+
+    def _not_acknowledged(self, entry: Entry) -> None:
+        """End it as bit by bit: flag, delimiter, intermission; a passive sender's flag disturbs and counts nothing."""
+        if entry is not self._current:
+            return
+        self._current = None
+        port, bit_ns, now_ns = self._by_order[entry[1]], self._bit_ns, self.agenda.now_ns
+        confinement = port.controller.confinement
+        if confinement.passive:
+            self.recovery.recessive(now_ns - 2 * bit_ns)
+        else:
+            confinement.transmitter_error()
+            self.recovery.recessive(now_ns + FLAG_BITS * bit_ns)
+        self.failed(port, entry, ACK_ERROR, "ACK slot")
+        rest = (FLAG_BITS + DELIMITER_BITS + INTERMISSION_BITS) * bit_ns
+        self.busy_ns += rest
+        self._free_from_ns = now_ns + rest
+        if confinement.passive:
+            port.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * bit_ns
+        self.check_states()
+        self._idle = False
+        self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
+
+    def failed(self, port: Port, entry: Entry, code: int, field: str) -> None:
+        """Bus Error of a sender: its frame waits again, or is given up where it has one shot."""
+        controller = port.controller
+        if controller.one_shot:
+            self.leave_queue(port, cause.ONE_SHOT)
+        else:
+            controller.repeated += 1
+            heappush(self.pending, entry)
+        self.bus_error(port, code, field, sending=True)
+
+    # -- bit by bit --
+
+    def disturb(self) -> None:
+        """Go on bit by bit from here: a fault begins or ends in the middle of something."""
+        if self.play is not None or self.functional:
+            return
+        entry, self._current = self._current, None
+        self._idle = False
+        if entry is None:
+            self.agenda.at(self.agenda.now_ns, ARBITRATE, -1, self._play_from_here, None)
+        else:
+            self.busy_ns -= self._planned_ns
+            heappush(self.pending, entry)
+            self.play = BitPlay(self, None, entry, self._since_ns)
+
+    def _play_from_here(self, _: None) -> None:
+        if self.play is None and self._current is None:
+            self.play = BitPlay(self, None)
+
+    def resume(self) -> None:
+        """Compute frames whole again: everybody is idle."""
+        self.play = None
+        self._free_from_ns = self.agenda.now_ns
+        self._idle = True
+        self.assess()
+        self.rouse()
+
+    def confirm(self, port: Port, entry: Entry, identifier: int) -> None:
+        """Confirm: a frame that was played bit by bit has gone out."""
+        self.take(entry)
+        port.controller.sent += 1
+        self.leave_queue(port)
+        now_ns, data = self.agenda.now_ns, entry[5]
+        if port.echo and (how := port.accepts(route_key(identifier))) != IGNORES:
+            self._hand_over(port, (now_ns, identifier | OWN, data), how)
+        for watcher in self.watchers:
+            watcher(now_ns, identifier, data, port.name)
+
+    def receive(self, port: Port, identifier: int, data: bytes) -> None:
+        """Hand over a frame that one participant read bit by bit."""
+        how = port.accepts(route_key(identifier))
+        if how != IGNORES:
+            self._hand_over(port, (self.agenda.now_ns, identifier, data), how)
+
+    # -- events --
+
+    def bus_error(self, port: Port, code: int, field: str, sending: bool = False) -> None:
+        """Count a bus error, and tell of it; the same want of an acknowledgement again and again is told once."""
+        controller = port.controller
+        controller.errors[ERROR_NAMES[code]] += 1
+        if code == ACK_ERROR and controller.errors[ERROR_NAMES[code]] > 1 and controller.confinement.passive:
+            return
+        self.tell(BusEvent(self.agenda.now_ns, port, BUS_ERROR, code, field, sending))
+
+    def overrun(self, port: Port) -> None:
+        """Count a frame that a participant was too slow for."""
+        port.controller.lost[cause.OVERRUN] += 1
+        self.tell(BusEvent(self.agenda.now_ns, port, OVERRUN))
+
+    def check_states(self) -> None:
+        """Tell of changed error states."""
+        for port in self.ports:
+            controller = port.controller
+            state = controller.confinement.state, controller.confinement.warning
+            if state != controller.told:
+                before, controller.told = controller.told[0], state
+                if controller.confinement.off:
+                    controller.off_since_ns = self.agenda.now_ns
+                self.tell(BusEvent(self.agenda.now_ns, port, STATUS, state[0], before=before))
+        self.assess()
+        self.recovery.expect()
+
+    def tell(self, event: BusEvent) -> None:
+        """Tell everybody who listens."""
+        for listener in self.listeners:
+            listener(event)
