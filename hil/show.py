@@ -117,7 +117,7 @@ def bus_status(channel: str, status: dict[str, Any]) -> None:
     for reason in status["died"]:
         console.print(f"removed: {reason}")
     table = Table()
-    for column in ("node", "channel", "state", "TEC", "REC", "sent", "received", "repeated", "errors", "lost"):
+    for column in ("node", "channel", "state", "TEC", "REC", "sent", "got", "again", "errors", "lost"):
         table.add_column(column)
     for name, node in status["nodes"].items():
         counts = [str(node[key]) for key in ("tec", "rec", "sent", "received", "repeated")]

@@ -96,22 +96,30 @@ class Door:
         del self._since[connection]
         if hello.role == "control":
             self._controls.add(connection)
-            self._selector.register(connection, selectors.EVENT_READ, lambda: self._obey(connection))
+            self._selector.register(connection, selectors.EVENT_READ, lambda: self._read_command(connection))
+            self._obey(connection)  # what came together with HELLO
         else:
             connection.longest = protocol.LONGEST_MESSAGE
             self._admit(channel, hello, connection)
 
+    def _read_command(self, connection: Connection) -> None:
+        try:
+            connection.fill()
+        except BlockingIOError:
+            return
+        except Closed:
+            self._forget(connection)
+            return
+        self._obey(connection)
+
     def _obey(self, connection: Connection) -> None:
         """Carry out what a controlling client wants, and say how things stand."""
         try:
-            connection.fill()
             while (message := connection.next_message()) is not None:
                 if message[0] != protocol.CONTROL:
                     raise ProtocolError(f"message {message[0]} where CONTROL was due")
                 answer = self._answer(check(Command, message[1]))
                 connection.send(protocol.STATUS, protocol.encode_json(answer))
-        except BlockingIOError:
-            return
         except ProtocolError as error:
             refuse(connection, str(error))
             self._forget(connection)
