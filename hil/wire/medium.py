@@ -308,7 +308,8 @@ class Medium:
         if identifier >= FD:
             identifier = self.identifier(entry)
         arrival = (now_ns, identifier, data)
-        for receiver, how in self._routes.get(identifier) or self._route(identifier):
+        route = self._routes.get(identifier)
+        for receiver, how in self._route(identifier) if route is None else route:
             if receiver is not port:
                 self._hand_over(receiver, arrival, how)
             elif port.echo:
@@ -333,7 +334,8 @@ class Medium:
     def _route(self, identifier: int) -> list[tuple[Port, int]]:
         """Find who accepts an identifier, and what it does with it; found once, kept."""
         key = route_key(identifier)
-        route = [(port, how) for port in self.ports if (how := port.accepts(key)) != IGNORES]
+        acceptances = [(port, port.accepts(key)) for port in self.ports]
+        route = [(port, how) for port, how in acceptances if how != IGNORES]
         if len(self._routes) >= ROUTES:
             self._routes.clear()
         self._routes[identifier] = route

@@ -8,7 +8,7 @@ from hil.errors import NodeError
 from hil.node import Reaction
 from hil.wire.agenda import QUEUE, WAKE, Agenda
 from hil.wire.controller import Controller
-from hil.wire.identifier import BRS, ESI, FD, refusal
+from hil.wire.identifier import BRS, ESI, FD, LONGEST_CLASSIC, STANDARD_MASK, refusal
 
 if TYPE_CHECKING:
     from hil.wire.medium import Medium
@@ -188,7 +188,8 @@ class Port:
             if not medium.functional:
                 self.busy_until_ns = agenda.now_ns + busy_ns
         for delay_ns, identifier, data in sends:
-            self.check_send(delay_ns, identifier, data)
+            if delay_ns < 0 or identifier > STANDARD_MASK or identifier < 0 or len(data) > LONGEST_CLASSIC:
+                self._check_send(delay_ns, identifier, data)
             if delay_ns == 0 or medium.functional:
                 medium.queue(self, identifier, data)
             else:
@@ -200,7 +201,7 @@ class Port:
         """Queue a frame now."""
         self.medium.queue(self, *frame)
 
-    def check_send(self, delay_ns: int, identifier: int, data: bytes) -> None:
+    def _check_send(self, delay_ns: int, identifier: int, data: bytes) -> None:
         """Raise NodeError for what cannot be sent on its bus."""
         reason = refusal(identifier, len(data), self.medium.rates.fd)
         if delay_ns < 0 or reason:
