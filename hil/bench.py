@@ -22,7 +22,7 @@ from hil.node import Reaction
 from hil.processes import run_processes
 from hil.rig import make_kernel, run_inline
 from hil.scenario import Scenario
-from hil.wire import medium
+from hil.wire import duration, medium
 from hil.wire.kernel import Arrival
 from hil.wire.rates import Rates
 
@@ -75,7 +75,7 @@ def parts(scenario: Scenario) -> dict[str, float]:
 def _time_frame_bits() -> list[float]:
     """Add up the time that exact frame lengths take, from here on."""
     spent = [0.0]
-    plain = medium.duration_ns
+    plain = duration.duration_ns
 
     def timed(identifier: int, data: bytes, rates: Rates) -> int:
         began = time.perf_counter()
@@ -83,7 +83,7 @@ def _time_frame_bits() -> list[float]:
         spent[0] += time.perf_counter() - began
         return lasts_ns
 
-    medium.duration_ns = timed
+    setattr(medium, "duration_ns", timed)  # noqa: B010 (the name that it imported)
     return spent
 
 

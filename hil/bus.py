@@ -15,7 +15,8 @@ from hil.pace import Pace
 from hil.watchdog import watchdog
 from hil.wire.agenda import Agenda
 from hil.wire.channel import Listener
-from hil.wire.faults import Fault, FaultScript
+from hil.wire.fault import Fault
+from hil.wire.faults import FaultScript
 from hil.wire.kernel import Kernel
 from hil.wire.participants import Observer
 from hil.wire.protocol import FAR_NS

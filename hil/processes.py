@@ -21,7 +21,7 @@ from dbc.compiler import load_arm
 from hil.assemble import build_nodes, node_names
 from hil.drive import RUN_IS_OVER
 from hil.errors import NodeError, OutputError
-from hil.rig import Outcome, Progress, Recorder, carry_through, make_kernel, no_progress
+from hil.rig import Outcome, Progress, Recorder, carry_through, make_kernel, no_progress, wire_counts
 from hil.scenario import Scenario
 from hil.watchdog import Notice, watchdog
 from hil.wire.channel import Listener
@@ -78,6 +78,7 @@ def _run(
         with nodes.named(), one_cpu([0, *nodes.pids()]):
             server.start()
             wall_s, setup_wall_s, bits = carry_through(scenario, kernel, server.run, progress, began)
+        wire = wire_counts(kernel, node_names(scenario))
         reason = RUN_IS_OVER
     finally:
         server.end(reason)
@@ -90,6 +91,7 @@ def _run(
         bits,
         wall_s,
         setup_wall_s,
+        wire,
         server.lost_frames,
         server.deterministic,
     )

@@ -1,17 +1,18 @@
 """Running a scenario: its nodes in this process, or each in a process of its own; either way the same frames."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
-from hil.assemble import build_nodes
+from hil.assemble import build_nodes, node_names
 from hil.drive import Direct
 from hil.errors import HilError, failed
 from hil.frame_log import FrameLog
 from hil.scenario import Scenario
+from hil.wire.faults import FaultScript
 from hil.wire.kernel import Kernel
 
 Progress = Callable[[float], None]
@@ -28,7 +29,8 @@ def no_progress(_share: float) -> None:
 class Outcome:
     """What a run left: the frames, every node's report, and how long it took.
 
-    reports: by node name; wall_s: of cycles 0 to the end; setup_wall_s: from the first call to cycle 0.
+    reports: by node name. wire: what each node's controller counted. wall_s: of cycles 0 to the end. setup_wall_s: from
+    the first call to cycle 0.
     """
 
     scenario: Scenario
@@ -38,6 +40,7 @@ class Outcome:
     bits_on_wire: int
     wall_s: float
     setup_wall_s: float
+    wire: dict[str, dict[str, Any]]
     lost_frames: int = 0
     deterministic: bool = True
 
@@ -60,7 +63,14 @@ class Recorder:
 def make_kernel(scenario: Scenario) -> Kernel:
     """Return the bus of a scenario, its time at the beginning of the set-up."""
     start_ns = -scenario.clock.setup_cycles * scenario.period_ns
-    return Kernel(scenario.bit_ns, scenario.bus.fidelity == "functional", start_ns)
+    kernel = Kernel(scenario.bit_ns, scenario.bus.fidelity == "functional", start_ns)
+    FaultScript(scenario.wire.faults, scenario.wire.seed).install(kernel)
+    return kernel
+
+
+def wire_counts(kernel: Kernel, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return what the controllers of these nodes have counted."""
+    return {port.name: port.controller.counts() for port in kernel.ports if port.name in names}
 
 
 def run_inline(scenario: Scenario, progress: Progress = no_progress) -> Outcome:
@@ -79,7 +89,8 @@ def run_inline(scenario: Scenario, progress: Progress = no_progress) -> Outcome:
     except Exception as error:
         raise failed(kernel.waking, error) from error
     reports = {node.name: node.report() for node in nodes}
-    return Outcome(scenario, "inline", recorder.log, reports, bits, wall_s, setup_wall_s)
+    wire = wire_counts(kernel, node_names(scenario))
+    return Outcome(scenario, "inline", recorder.log, reports, bits, wall_s, setup_wall_s, wire)
 
 
 def carry_through(

@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from hil.wire.fault import Fault
+
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NonNegative = Annotated[float, Field(ge=0, le=1e4)]
 Angle = Annotated[float, Field(ge=-100, le=100)]
@@ -45,6 +47,13 @@ class Bus(Part):
     bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] = 1_000_000
     action_delay_s: tuple[Time, ...] | None = None
     """When a current acts after its cycle's start under `functional`; default: the worst-case end of its frame."""
+
+
+class Wire(Part):
+    """What goes wrong on the wire, and the seed of what is random in it."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    faults: tuple[Fault, ...] = ()
 
 
 class Clock(Part):
@@ -166,6 +175,7 @@ class Scenario(Part):
     dsp: Dsp = Dsp()
     trajectory: Annotated[QuinticMove | CircleMove, Field(discriminator="kind")]
     load: tuple[Load, ...] = ()
+    wire: Wire = Wire()
 
     @property
     def joints(self) -> int:

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from hil.errors import ScenarioError
 from hil.scenario import Scenario, to_ns
+from hil.wire.fault import check_faults
 from hil.wire.rates import bit_time_refusal
 
 SHORTEST_LAG_S = 1e-5
@@ -129,6 +130,7 @@ def check(scenario: Scenario) -> None:
     """Refuse what no single key shows: lengths, rates, times that do not fit together."""
     _check_lengths(scenario)
     _check_rates(scenario)
+    _check_faults(scenario)
     if 0.0 < scenario.drive.lag_s < SHORTEST_LAG_S:
         raise ScenarioError(f"drive.lag_s = {scenario.drive.lag_s}: 0 (none), or {SHORTEST_LAG_S} s and more")
     for load in scenario.load:
@@ -146,6 +148,11 @@ def _check_lengths(scenario: Scenario) -> None:
     for path, values in scenario.per_joint().items():
         if len(values) != joints:
             raise ScenarioError(f"{path} has {len(values)} entries, but arm.lengths_m has {joints}: one a joint")
+
+
+def _check_faults(scenario: Scenario) -> None:
+    names = ["plant", "dsp", *(f"joint{n}" for n in range(1, scenario.joints + 1))]
+    check_faults(scenario.wire.faults, names, scenario.bus.fidelity == "functional", fd=False)
 
 
 def _check_rates(scenario: Scenario) -> None:

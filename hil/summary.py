@@ -1,6 +1,7 @@
 """The summary of a run: what `--json` prints and summary.json holds."""
 
 import platform
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -50,8 +51,10 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "frame_log_sha256": outcome.log.sha256(),
         "deterministic": outcome.deterministic,
         "bus_load": _bus_load(outcome, simulated_s),
-        "lost_frames": outcome.lost_frames + sum(_counts(outcome, LOST_BY).values()),
-        "lost_frames_by_cause": {"slow observers": outcome.lost_frames, **_counts(outcome, LOST_BY)},
+        "lost_frames": sum(_lost(outcome).values()),
+        "lost_frames_by_cause": _lost(outcome),
+        "bus_errors": sum(sum(node["errors"].values()) for node in outcome.wire.values()),
+        "wire": outcome.wire,
         "deadline_misses": sum(_counts(outcome, MISSED_BY).values()),
         "deadline_misses_by_cause": _counts(outcome, MISSED_BY),
         "saturations": sum(_saturations(outcome).values()),
@@ -61,6 +64,14 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "processes": {name: report["process"] for name, report in outcome.reports.items() if "process" in report},
         "platform": f"Python {platform.python_version()}, {' '.join(platform.libc_ver())}, {platform.machine()}",
     }
+
+
+def _lost(outcome: Outcome) -> dict[str, int]:
+    """Return the frames that somebody did not get, or could not send, by cause."""
+    lost = Counter({"slow observers": outcome.lost_frames, **_counts(outcome, LOST_BY)})
+    for node in outcome.wire.values():
+        lost.update(node["lost"])
+    return dict(lost)
 
 
 def deviations(evaluation: Evaluation) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Fault scripts from TOML files: one [[fault]] table each, as faults.py describes them."""
+"""Fault scripts from TOML files: one [[fault]] table each, as fault.py describes them."""
 
 import tomllib
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hil.errors import ScenarioError
-from hil.wire.faults import Fault, check_faults
+from hil.wire.fault import Fault, check_faults
 
 
 class _File(BaseModel):
