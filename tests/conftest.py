@@ -3,13 +3,16 @@
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from hil import scenario_file
 from hil.scenario import Scenario
+from hil.wire import channel as channels
 
 SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
 
@@ -53,9 +56,25 @@ class Hil:
 
     def start(self, *words: str) -> subprocess.Popen[str]:
         """Start it and let it run."""
-        process = subprocess.Popen(
-            self._command(words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder
-        )
+        return self._start(self._command(words))
+
+    def bus(self, names: str = "arm", *options: str) -> subprocess.Popen[str]:
+        """Start `hil bus` with these channels and options; return when clients may join."""
+        process = self.start("bus", *names.split(), *options)
+        deadline = time.monotonic() + 20
+        while not set(names.split()) <= set(channels.names()):
+            if process.poll() is not None or time.monotonic() > deadline:
+                process.kill()
+                pytest.fail(f"hil bus {names} {' '.join(options)}: {''.join(process.communicate())}")
+            time.sleep(0.01)
+        return process
+
+    def program(self, *words: str) -> subprocess.Popen[str]:
+        """Start somebody else's program, a Python module; what it prints comes at once."""
+        return self._start([sys.executable, "-u", "-m", *words])
+
+    def _start(self, command: list[str]) -> subprocess.Popen[str]:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder)
         self.started.append(process)
         return process
 
@@ -64,14 +83,28 @@ class Hil:
         return [sys.executable, "-m", "hil", *words]
 
 
-@pytest.fixture
-def hil(tmp_path: Path) -> Iterator[Hil]:
-    command = Hil(tmp_path)
+@contextmanager
+def commands_in(folder: Path) -> Iterator[Hil]:
+    """Give the command `hil` in this folder; what it started ends behind it."""
+    command = Hil(folder)
     yield command
     for process in command.started:
         if process.poll() is None:
             process.kill()
         process.communicate()
+
+
+@pytest.fixture
+def hil(tmp_path: Path) -> Iterator[Hil]:
+    with commands_in(tmp_path) as command:
+        yield command
+
+
+@pytest.fixture(scope="module")
+def module_hil(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hil]:
+    """The command `hil` for what the tests of a module share."""
+    with commands_in(tmp_path_factory.mktemp("module")) as command:
+        yield command
 
 
 def descendants(pid: int) -> list[int]:
