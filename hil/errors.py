@@ -24,6 +24,10 @@ class ChannelError(HilError):
     exit_code = 4
 
 
+class NoBusError(ChannelError):
+    """No bus is running on a channel."""
+
+
 class NodeError(HilError):
     """A node that died, hung or broke the agreement."""
 

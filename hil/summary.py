@@ -53,7 +53,7 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "bus_load": _bus_load(outcome, simulated_s),
         "lost_frames": sum(_lost(outcome).values()),
         "lost_frames_by_cause": _lost(outcome),
-        "bus_errors": sum(sum(node["errors"].values()) for node in outcome.wire.values()),
+        "bus_errors": _bus_errors(outcome),
         "wire": outcome.wire,
         "deadline_misses": sum(_counts(outcome, MISSED_BY).values()),
         "deadline_misses_by_cause": _counts(outcome, MISSED_BY),
@@ -64,6 +64,11 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "processes": {name: report["process"] for name, report in outcome.reports.items() if "process" in report},
         "platform": f"Python {platform.python_version()}, {' '.join(platform.libc_ver())}, {platform.machine()}",
     }
+
+
+def _bus_errors(outcome: Outcome) -> int:
+    """Return how many errors all controllers have detected; an overload frame is none."""
+    return sum(sum(node["errors"].values()) - node["errors"].get("overload", 0) for node in outcome.wire.values())
 
 
 def _lost(outcome: Outcome) -> dict[str, int]:

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from hil.errors import ChannelError
+from hil.errors import ChannelError, NoBusError
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,40}")
 BACKLOG = 64
@@ -127,7 +127,7 @@ def connect(channel: str) -> socket.socket:
     except (FileNotFoundError, ConnectionRefusedError):
         client.close()
         running = ", ".join(names()) or "none"
-        raise ChannelError(
+        raise NoBusError(
             f"channel {channel!r}: no bus is running there; start one with `hil bus {channel}` (running: {running})"
         ) from None
     except OSError as error:

@@ -26,7 +26,7 @@ class Controller:
 
     one_shot: a disturbed frame is not sent again. discards: one that loses arbitration is not, either (FMI-LS-BUS:
     DISCARD_AND_NOTIFY, else BUFFER_AND_RETRANSMIT). listen_only: it drives no bit. lost: frames, by cause.
-    left: frames that left the queue, sent or not. overrun, babbles, queue_delay_ns: faults of the script.
+    unheard: nobody acknowledged its last frame. left: frames that left the queue, sent or not. overrun, babbles, queue_delay_ns: faults of the script.
     """
 
     __slots__ = (
@@ -51,6 +51,7 @@ class Controller:
         "sent",
         "suspended_until_ns",
         "told",
+        "unheard",
         "waiting",
     )
 
@@ -69,6 +70,7 @@ class Controller:
         self.suspended_until_ns = -(1 << 63)
         self.off_since_ns = 0
         self.told = (1, False)
+        self.unheard = False
         self.queued = 0
         self.waiting: deque[Entry] = deque()
         self.sent = self.received = self.left = self.repeated = 0

@@ -12,13 +12,14 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import count
 from typing import Any
 
 import can
 from can.broadcastmanager import CyclicSendTaskABC
 from can.typechecking import AutoDetectedConfig, CanFilters
 
-from hil.errors import ChannelError
+from hil.errors import ChannelError, NoBusError
 from hil.node import Send
 from hil.wire import channel as channels
 from hil.wire import client, protocol
@@ -29,6 +30,8 @@ from hil.wire.port import Arrival
 from hil.wire.rates import bit_time_ns, of_timing
 from hil.wire.status_page import Status
 
+_numbers = count(1)
+
 POLL_S = 0.001
 """Wall time between two looks for room in a full transmit queue."""
 
@@ -38,7 +41,9 @@ class HilBus(can.BusABC):
 
     channel: name of the bus. timed: whether time waits for this client. name: how the bus knows it. wait_s: wall time
     to wait for a bus that is not there yet. bitrate, data_bitrate, timing: what the bus must run at (None: whatever).
-    queue_depth, fifo, one_shot, discard_on_loss: of the controller's transmit queue. listen_only: it drives no bit.
+    queue_depth, fifo (as SocketCAN; else by priority), one_shot, discard_on_loss: of the controller's transmit queue.
+    listen_only: it drives no bit. error_frames: "all" (of every node; an observer's default), "own" (a timed client's),
+    "none".
     Unknown arguments are accepted. Raises can.CanInitializationError.
     """
 
@@ -52,11 +57,12 @@ class HilBus(can.BusABC):
         fd: bool = False,
         receive_own_messages: bool = False,
         listen_only: bool = False,
+        error_frames: str | None = None,
         bitrate: int | None = None,
         data_bitrate: int | None = None,
         timing: can.BitTiming | can.BitTimingFd | None = None,
         queue_depth: int = 10,
-        fifo: bool = False,
+        fifo: bool = True,
         one_shot: bool = False,
         discard_on_loss: bool = False,
         **kwargs: object,
@@ -66,14 +72,14 @@ class HilBus(can.BusABC):
         self._channel = str(channel)
         self.timed = _truth(timed)
         self._fd = _truth(fd) or isinstance(timing, can.BitTimingFd)
-        self._name = name or f"client-{os.getpid()}-{id(self):x}"
+        self._name = name or f"client-{os.getpid()}-{next(_numbers)}"
         self._depth = int(queue_depth)
         options = {
             "filters": _plain(can_filters),
             "fd": self._fd,
             "own": _truth(receive_own_messages),
             "listen_only": _truth(listen_only),
-            "errors": "own" if self.timed else "all",
+            "errors": error_frames or ("own" if self.timed else "all"),
             "depth": self._depth,
             "fifo": _truth(fifo),
             "one_shot": _truth(one_shot),
@@ -85,7 +91,8 @@ class HilBus(can.BusABC):
         self._page = welcome["page"]
         self._received: deque[Arrival] = deque()
         self._sends: list[Send] = []
-        self._sent = 0
+        self._sent = self._changes = 0
+        self._flush = self._sent_at_flush = 0
         self._now_ns = 0
         self._begun = False
         self._lock = threading.Lock()
@@ -99,7 +106,7 @@ class HilBus(can.BusABC):
             try:
                 return client.join(self._channel, self._name, self.timed, page=True, **options)
             except ChannelError as error:
-                if time.monotonic() >= deadline:
+                if not isinstance(error, NoBusError) or time.monotonic() >= deadline:
                     raise can.CanInitializationError(str(error)) from None
             time.sleep(0.05)
 
@@ -130,11 +137,18 @@ class HilBus(can.BusABC):
 
     def _has_room(self) -> bool:
         status = self._status()
+        if status.changes < self._flush:  # the bus has not read it yet
+            return self._sent - self._sent_at_flush < self._depth
         return status.queued + self._sent - status.heard < self._depth
 
     def _status(self) -> Status:
+        self._check_open()
         status: Status = self._page.read()
         return status
+
+    def _check_open(self) -> None:
+        if self._is_shutdown:
+            raise can.CanOperationError(f"{self.channel_info}: it was shut down")
 
     def _say(self, kind: int, body: bytes) -> None:
         try:
@@ -145,6 +159,7 @@ class HilBus(can.BusABC):
     def _configure(self, change: dict[str, Any]) -> None:
         """Change the controller, from the instant at which the bus reads it."""
         with self._lock:
+            self._changes += 1
             self._say(protocol.CONFIGURE, protocol.encode_json(change))
 
     def _send_periodic_internal(
@@ -173,6 +188,7 @@ class HilBus(can.BusABC):
         self._sent -= len(self._sends)
         self._sends.clear()
         self._configure({"flush": True})
+        self._flush, self._sent_at_flush = self._changes, self._sent
 
     # -- receiving --
 
@@ -223,6 +239,7 @@ class HilBus(can.BusABC):
 
     def _listen(self, timeout: float | None) -> None:
         """Wait in wall time for a frame."""
+        self._check_open()
         if not select.select([self._connection], [], [], timeout)[0]:
             return
         try:

@@ -303,6 +303,7 @@ class Medium:
         self._current = None
         port = self._by_order[entry[1]]
         port.controller.sent += 1
+        port.controller.unheard = False
         self.leave_queue(port)
         now_ns, identifier, data = self.agenda.now_ns, entry[4], entry[5]
         if identifier >= FD:
@@ -426,6 +427,7 @@ class Medium:
         """Confirm: a frame that was played bit by bit has gone out."""
         self.take(entry)
         port.controller.sent += 1
+        port.controller.unheard = False
         self.leave_queue(port)
         now_ns, data = self.agenda.now_ns, entry[5]
         if port.echo and (how := port.accepts(route_key(identifier))) != IGNORES:
@@ -445,8 +447,10 @@ class Medium:
         """Count a bus error, and tell of it; the same want of an acknowledgement again and again is told once."""
         controller = port.controller
         controller.errors[ERROR_NAMES[code]] += 1
-        if code == ACK_ERROR and controller.errors[ERROR_NAMES[code]] > 1 and controller.confinement.passive:
-            return
+        if code == ACK_ERROR:
+            told, controller.unheard = controller.unheard, True
+            if told:
+                return
         self.tell(BusEvent(self.agenda.now_ns, port, BUS_ERROR, code, field, sending))
 
     def overrun(self, port: Port) -> None:

@@ -46,7 +46,7 @@ class Client:
         self.hello = hello
         self.connection = connection
         self.wakes_on: Container[int] = NOTHING
-        self.heard = 0
+        self.heard = self.changes = 0
         self.tasks: dict[int, PeriodicTask] = {}
         self.port = self._make_port()
         self.port.echo = hello.own
@@ -81,15 +81,13 @@ class Client:
         if self.page is not None:
             controller = self.port.controller
             confinement = controller.confinement
-            self.page.write(
-                Status(
-                    self.heard, controller.queued, confinement.state, confinement.tec & 0xFFFF, confinement.rec & 0xFFFF
-                )
-            )
+            tec, rec = min(confinement.tec, 0xFFFF), min(confinement.rec, 0xFFFF)
+            self.page.write(Status(self.heard, self.changes, controller.queued, confinement.state, tec, rec))
 
     def configure(self, body: bytes) -> None:
         """Change its controller as it asks; ProtocolError for what is no change."""
         change = check(Change, body)
+        self.changes += 1
         if change.set_filters:
             self.set_filters(acceptance(change.filters, self.hello.fd))
         if change.listen_only is not None:

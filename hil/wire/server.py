@@ -340,7 +340,7 @@ class Server:
             reason = refusal(identifier, len(data), kernel.rates.fd)
             if reason:
                 raise ProtocolError(reason)
-            kernel.send(observer.port, identifier, data)
+            observer.port.queue((identifier, data))  # now, so that the status page knows
         observer.heard += len(frames)
 
     def _tell_error(self, event: BusEvent) -> None:

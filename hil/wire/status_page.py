@@ -9,13 +9,17 @@ import struct
 import tempfile
 from typing import NamedTuple
 
-_LAYOUT = struct.Struct("<QQBHH")
+_LAYOUT = struct.Struct("<QQQBHH")
 
 
 class Status(NamedTuple):
-    """heard: frames that the client sent and the bus has read; queued: in the transmit queue; state as FMI-LS-BUS."""
+    """heard, changes: frames and changes that the client sent and the bus has read. queued: in the transmit queue.
+
+    state: as in FMI-LS-BUS.
+    """
 
     heard: int
+    changes: int
     queued: int
     state: int
     tec: int

@@ -28,6 +28,7 @@ def join():
     made = []
 
     def make(channel="arm", **kwargs):
+        kwargs.setdefault("error_frames", "none")
         made.append(can.Bus(interface="hil", channel=channel, **kwargs))
         return made[-1]
 
@@ -190,6 +191,25 @@ def test_burst_is_sent_by_and_by(hil, join):
 
 
 # -- states --
+
+
+def test_what_happened_is_told_by_error_frames_unless_declined(hil, join):
+    """Nobody acknowledges: told once, then warning and error-passive as they come; classes as in linux/can/error.h."""
+    hil.bus("arm")
+    alone = join(error_frames="all")
+    alone.send(standard(0x100))
+    heard = [alone.recv(GUARD_S) for _ in range(3)]
+    assert all(message.is_error_frame and message.dlc == 8 for message in heard)
+    no_ack, bus_error, controller, counters = 0x20, 0x80, 0x04, 0x200
+    assert [message.arbitration_id for message in heard] == [
+        no_ack | bus_error | counters,
+        controller | counters,
+        controller | counters,
+    ]
+    transmit_warning, transmit_passive = 0x08, 0x20
+    assert [message.data[1] for message in heard] == [0, transmit_warning, transmit_passive]
+    assert [message.data[6] for message in heard] == [8, 96, 128]
+    assert alone.recv(SILENCE_S) is None
 
 
 def test_node_alone_becomes_error_passive_and_recovers(alone, join):

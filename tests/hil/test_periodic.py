@@ -36,10 +36,9 @@ def play(hil):
                 until = max(0.0, 1.0 - message.timestamp)
             return heard
 
-    def run(script):
-        sender, listener = (
-            can.Bus(interface="hil", channel="arm", name=name, timed=True) for name in ("sender", "listener")
-        )
+    def run(script, **options):
+        sender = can.Bus(interface="hil", channel="arm", name="sender", timed=True, **options)
+        listener = can.Bus(interface="hil", channel="arm", name="listener", timed=True)
         with ThreadPoolExecutor() as pool:
             hearing = pool.submit(listen, listener)
             with sender:
@@ -119,16 +118,17 @@ def test_task_ends_with_its_bus(play):
     assert len(play(script)) == 6
 
 
-def test_two_tasks_meet_in_arbitration(play):
-    """Queued at one instant, the lower identifier goes first, whichever task is the elder."""
+@pytest.mark.parametrize(("fifo", "order"), [(True, [0x200, 0x100]), (False, [0x100, 0x200])])
+def test_two_tasks_meet_in_the_transmit_queue(play, fifo, order):
+    """Queued at one instant: first-in-first-out, or by priority whichever task is the elder."""
 
     def script(bus):
         bus.send_periodic(standard(0x200), PERIOD_S)
         bus.send_periodic(standard(0x100), PERIOD_S)
         bus.recv(timeout=0.095)
 
-    heard = play(script)
-    assert [message.arbitration_id for message in heard] == [0x100, 0x200] * 10
+    heard = play(script, fifo=fifo)
+    assert [message.arbitration_id for message in heard] == order * 10
     assert periods(heard[::2]) == periods(heard[1::2]) == [PERIOD_NS] * 9
 
 
