@@ -63,12 +63,12 @@ def make_kernel(scenario: Scenario) -> Kernel:
     return Kernel(scenario.bit_ns, scenario.bus.fidelity == "functional", start_ns)
 
 
-def run_inline(scenario: Scenario, progress: Progress = no_progress) -> Outcome:
-    """Run all nodes and the wire in this process."""
+def run_inline(scenario: Scenario, progress: Progress = no_progress, compiled: bool = True) -> Outcome:
+    """Run all nodes and the wire in this process; compiled: see `build_plant`."""
     began = time.perf_counter()
     kernel = make_kernel(scenario)
     recorder = Recorder(kernel, load_arm())
-    nodes = build_nodes(scenario)
+    nodes = build_nodes(scenario, compiled)
     for node in nodes:
         kernel.join(Direct(node))
     try:
