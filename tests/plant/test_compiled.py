@@ -22,7 +22,7 @@ FRICTIONLESS = replace(DEFAULT_ARM, coulomb_Nm=(0.0, 0.0, 0.0))
 
 @pytest.fixture
 def numba():
-    return pytest.importorskip("numba", reason="NOT TESTED: machine code of the plant; pip install 'hil[fast]'")
+    return pytest.importorskip("numba", reason="NOT TESTED: machine code of the plant; pip install -e '.[fast]'")
 
 
 @pytest.fixture
