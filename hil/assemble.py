@@ -35,12 +35,12 @@ def node_names(scenario: Scenario) -> list[str]:
     return ["plant", "dsp", *(f"joint{n}" for n in range(1, scenario.joints + 1))]
 
 
-def build_node(scenario: Scenario, name: str, codec: Codec | None = None) -> Node:
-    """Return one node; raise ScenarioError naming what it cannot be built from."""
+def build_node(scenario: Scenario, name: str, codec: Codec | None = None, compiled: bool = False) -> Node:
+    """Return one node; raise ScenarioError naming what it cannot be built from. compiled: see `build_plant`."""
     codec = load_arm() if codec is None else codec
     constants.check_budget(scenario)
     if name == "plant":
-        return build_plant(scenario, codec)
+        return build_plant(scenario, codec, compiled)
     if name == "dsp":
         return build_dsp(scenario, codec)
     check_node_name(scenario, name)
@@ -53,10 +53,10 @@ def check_node_name(scenario: Scenario, name: str) -> None:
         raise ScenarioError(f"no node {name!r}: this scenario has {', '.join(node_names(scenario))}")
 
 
-def build_nodes(scenario: Scenario) -> list[Node]:
-    """Return all nodes in node order."""
+def build_nodes(scenario: Scenario, compiled: bool = False) -> list[Node]:
+    """Return all nodes in node order. compiled: see `build_plant`."""
     codec = load_arm()
-    return [build_node(scenario, name, codec) for name in node_names(scenario)]
+    return [build_node(scenario, name, codec, compiled) for name in node_names(scenario)]
 
 
 def _status(scenario: Scenario, codec: Codec, number: int) -> Status:
@@ -94,10 +94,14 @@ def arm_parameters(scenario: Scenario, codec: Codec) -> ArmParameters:
         raise ScenarioError(f"plant: {error}") from None
 
 
-def build_plant(scenario: Scenario, codec: Codec) -> Plant:
-    """Return the plant."""
+def build_plant(scenario: Scenario, codec: Codec, compiled: bool = False) -> Plant:
+    """Return the plant; compiled: as machine code where Numba is installed, and ready: for a run, not for a check."""
     start_ns = -scenario.clock.setup_cycles * scenario.period_ns
-    robot = Robot(arm_parameters(scenario, codec), scenario.start_rad, start_ns, min(scenario.period_ns, 1_000_000))
+    max_step_ns = min(scenario.period_ns, 1_000_000)
+    arm = arm_parameters(scenario, codec)
+    robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=compiled)
+    if compiled:
+        robot.prepare()
     delays = constants.action_delays_ns(scenario)
     return Plant(robot, codec, _status(scenario, codec, 0), scenario.period_ns, delays, payloads(scenario))
 

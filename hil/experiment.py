@@ -38,7 +38,8 @@ def examine(outcome: Outcome, startup_s: float) -> Result:
     summary = summarise(outcome, evaluation, startup_s)
     counterpart = None
     if evaluation is not None and not summary["faults"]:
-        counterpart = evaluate(run_inline(switched(outcome.scenario)))
+        # not compiled: in the rig's process Numba would cost more than it saves
+        counterpart = evaluate(run_inline(switched(outcome.scenario), compiled=False))
     if counterpart is not None:
         summary["counterpart"] = {"observer": counterpart.scenario.joint.observer, **deviations(counterpart)}
     return Result(outcome, evaluation, summary, counterpart)

@@ -22,7 +22,7 @@ from hil.wire.protocol import Closed
 
 def run_node(scenario: Scenario, name: str, channel: str) -> dict[str, Any]:
     """Play one node until the bus ends or its part is over; return its report, with the process's own figures."""
-    node = build_node(scenario, name)
+    node = build_node(scenario, name, compiled=True)
     start_ns = -scenario.clock.setup_cycles * scenario.period_ns
     connection, welcome = client.join(channel, name, True, start_ns, node.wakes_on, node.stores)
     try:

@@ -73,12 +73,12 @@ def wire_counts(kernel: Kernel, names: Sequence[str]) -> dict[str, dict[str, Any
     return {port.name: port.controller.counts() for port in kernel.ports if port.name in names}
 
 
-def run_inline(scenario: Scenario, progress: Progress = no_progress) -> Outcome:
-    """Run all nodes and the wire in this process."""
+def run_inline(scenario: Scenario, progress: Progress = no_progress, compiled: bool = True) -> Outcome:
+    """Run all nodes and the wire in this process; compiled: see `build_plant`."""
     began = time.perf_counter()
     kernel = make_kernel(scenario)
     recorder = Recorder(kernel, load_arm())
-    nodes = build_nodes(scenario)
+    nodes = build_nodes(scenario, compiled)
     for node in nodes:
         kernel.join(Direct(node))
     try:

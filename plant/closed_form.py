@@ -152,4 +152,9 @@ def _of_free(n: int, free: tuple[int, ...]) -> str:
 
 def function_text(signature: str, body: Lines) -> str:
     """Return a function definition."""
-    return "\n".join([f"def {signature}:", *("    " + line for line in body), ""])
+    return "\n".join([f"def {signature}:", *indented(body), ""])
+
+
+def indented(lines: Lines) -> Lines:
+    """Return the lines one block further in."""
+    return ["    " + line for line in lines]

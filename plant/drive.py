@@ -22,16 +22,27 @@ class Amplifiers:
         """References beyond the limit, a joint."""
 
     @property
+    def instant(self) -> bool:
+        """A reference is the current at once."""
+        return self._lag_s == 0.0
+
+    @property
     def steady(self) -> bool:
         """The currents will stay as they are."""
-        return self.current_A == self.reference_A
+        return self.instant or self.current_A == self.reference_A
 
     def command(self, index: int, counts: int) -> None:
         """Set the reference of joint index (from 0), limited to the largest current."""
         asked_A = counts / self._counts_per_A
-        given_A = min(max(asked_A, -self._limit_A), self._limit_A)
-        self.saturations[index] += given_A != asked_A
-        self.reference_A = (*self.reference_A[:index], given_A, *self.reference_A[index + 1 :])
+        given_A = asked_A
+        if not -self._limit_A <= asked_A <= self._limit_A:
+            given_A = self._limit_A if asked_A > 0.0 else -self._limit_A
+            self.saturations[index] += 1
+        if given_A == self.reference_A[index]:
+            return
+        references = [*self.reference_A]
+        references[index] = given_A
+        self.reference_A = tuple(references)
         if self._lag_s == 0.0:
             self.current_A = self.reference_A
 

@@ -42,8 +42,10 @@ class Plant:
         self.period_ns = period_ns
         self.action_delay_ns = tuple(action_delay_ns)
         joints = range(1, robot.parameters.joints + 1)
-        self.encoders = [codec[f"Encoder_{n}"] for n in joints]
-        self.currents = {codec[f"Current_{n}"].identifier: n for n in joints}
+        encoders = [codec[f"Encoder_{n}"] for n in joints]
+        self.encoders = [(encoder.identifier, encoder.pack) for encoder in encoders]
+        currents = [(n, codec[f"Current_{n}"]) for n in joints]
+        self.currents = {current.identifier: (n, current.unpack) for n, current in currents}
         self.codecs = codec.by_identifier
         self.release = codec["AccelRef" if len(joints) <= 3 else "AccelRef_1"].identifier
         self.stop = codec["Stop"].identifier
@@ -70,8 +72,10 @@ class Plant:
 
     def store(self, identifier: int, data: bytes, at_ns: int) -> None:
         """Let a current act, release the brakes, or engage them."""
-        if identifier in self.currents:
-            self._take_current(identifier, data, at_ns)
+        current = self.currents.get(identifier)
+        if current is not None:
+            joint, unpack = current
+            self._take_current(joint, unpack(data), at_ns)
         elif self.codecs[identifier].unpack(data) is None:
             self.crc_errors += 1
         elif identifier == self.stop:
@@ -86,7 +90,7 @@ class Plant:
         if self.state == READY:
             robot.release_brakes(now_ns)
             self.state = RUN
-        elif self.state == RUN:
+        elif self.state == RUN and False in self.answered:
             self._count_missing()
         robot.advance_to(now_ns)
         if self.state == RUN:
@@ -94,22 +98,18 @@ class Plant:
         self.finished = self.stopped
         self.answered = [False] * len(self.answered)
         cycle = now_ns // self.period_ns & 0xFF
-        sends = [
-            (0, encoder.identifier, encoder.pack(count, cycle))
-            for encoder, count in zip(self.encoders, robot.counts(), strict=True)
-        ]
+        encoders = zip(self.encoders, robot.counts(), strict=True)
+        sends = [(0, identifier, pack(count, cycle)) for (identifier, pack), count in encoders]
         fault = STOPPED if self.stopped else NO_FAULT
         saturations, missed = sum(robot.saturations), sum(self.missed_currents)
         sends += self.status.sends(now_ns, self.state, fault, saturations, self.late_currents, missed, 0)
         return 0, now_ns + self.period_ns, sends
 
-    def _take_current(self, identifier: int, data: bytes, at_ns: int) -> None:
-        fields = self.codecs[identifier].unpack(data)
+    def _take_current(self, joint: int, fields: tuple[int, ...] | None, at_ns: int) -> None:
         if fields is None:
             self.crc_errors += 1
             return
         counts, _, cycle = fields
-        joint = self.currents[identifier]
         period = at_ns // self.period_ns
         age = (period - cycle) & 0xFF
         self.answered[joint - 1] |= age == 0

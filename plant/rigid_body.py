@@ -11,32 +11,39 @@ from math import cos, sin
 from typing import Any
 
 from plant.closed_form import acceleration_text, balance_text, constants, inverse_dynamics_text, terms_text
+from plant.compiled import machine_code
 from plant.parameters import ArmParameters, Vector
-from plant.rk4 import step_text
+from plant.rk4 import glide_text, step_text
 
 Joints = tuple[int, ...]
 """Joints, numbered from 1, in order."""
 Terms = tuple[tuple[Vector, ...], Vector, Vector]
 Step = Callable[[float, Vector, Vector, Vector, Vector, Vector, Vector, tuple[int, ...]], tuple[Vector, Vector, bool]]
+Glide = Callable[[list[float], Vector, Vector, Vector, tuple[int, ...]], tuple[int, Vector, Vector, Vector]]
 Balance = Callable[[Vector, Vector, Vector, Vector], tuple[Vector, Vector]]
 
 
 class RigidBody:
-    """Dynamics of an arm that holds the point mass payload_kg at its tip; ValueError if negative or not finite."""
+    """Dynamics of an arm that holds the point mass payload_kg at its tip; ValueError if negative or not finite.
+
+    compiled: `glide` is machine code where Numba is installed; the bits are the same.
+    """
 
     terms: Callable[[Vector, Vector], Terms]
     """(q, w) -> M (n x n, rotors included), h, g."""
     inverse_dynamics: Callable[[Vector, Vector, Vector], Vector]
     """(q, w, q") -> M q" + h + g + D w."""
 
-    def __init__(self, parameters: ArmParameters, payload_kg: float = 0.0) -> None:
+    def __init__(self, parameters: ArmParameters, payload_kg: float = 0.0, compiled: bool = False) -> None:
         self.parameters = parameters
+        self._compiled = compiled
         self._n = parameters.joints
         self._values = constants(parameters, payload_kg) | _drive_constants(parameters)
         self._ripple = any(parameters.ripple)
         self._accelerations: dict[Joints, Callable[[Vector, Vector, Vector], Vector]] = {}
         self._balances: dict[Joints, Balance] = {}
         self._steps: dict[tuple[Joints, Joints], Step] = {}
+        self._glides: dict[Joints, Glide] = {}
         self.terms = self._bind("terms", terms_text(self._n))
         self.inverse_dynamics = self._bind("inverse_dynamics", inverse_dynamics_text(self._n))
         self.all_joints = tuple(range(1, self._n + 1))
@@ -61,6 +68,15 @@ class RigidBody:
             self._steps[key] = self._bind("step", step_text(self._n, free, watched, self._ripple))
         return self._steps[key]
 
+    def glide(self, watched: Joints) -> Glide:
+        """Return many Runge-Kutta steps in one call, for all joints sliding and constant currents: `rk4.glide_text`."""
+        if watched not in self._glides:
+            text = glide_text(self._n, watched, self._ripple)
+            with_constants = _with_constants(text, tuple(self._values))
+            code = machine_code("glide", with_constants, self._values.values()) if self._compiled else None
+            self._glides[watched] = self._bind("glide", text) if code is None else code
+        return self._glides[watched]
+
     def _bind(self, name: str, text: str) -> Any:
         return _maker(name, text, tuple(self._values))(*self._values.values())
 
@@ -68,6 +84,13 @@ class RigidBody:
 def _drive_constants(parameters: ArmParameters) -> dict[str, float]:
     columns = {"K": parameters.torque_constant_Nm_A, "E": parameters.ripple, "O": parameters.ripple_order}
     return {f"{name}{i}": value for name, column in columns.items() for i, value in enumerate(column, start=1)}
+
+
+def _with_constants(text: str, symbols: tuple[str, ...]) -> str:
+    """Return the text of the same function with the values of the symbols as a further argument."""
+    signature, body = text.split("\n", 1)
+    unpacked = "\n".join(f"    {symbol} = constants[{place}]" for place, symbol in enumerate(symbols))
+    return f"{signature.removesuffix('):')}, constants):\n{unpacked}\n{body}"
 
 
 @cache

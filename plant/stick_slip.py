@@ -3,6 +3,7 @@
 A joint that slides feels friction of constant size against its direction, so the motion between two changes is smooth
 and Runge-Kutta keeps its order. A joint that stands is taken out of the mass matrix and holds what it must, up to its
 limit. Changes are a speed that reaches zero and a holding torque that reaches the limit; the step is cut there.
+While all joints slide, the steps are noted and done in one call (`arrive`), which machine code needs to be worth it.
 Units: SI, tuples of n floats. Ref: eq. (1), c.
 Not seen: a holding torque that exceeds its limit and returns within one substep h (its excess is at most h^2 / 8 times
 its curvature), and a speed that turns twice within h / 256. Take a smaller substep if that matters.
@@ -15,11 +16,14 @@ from plant.bracket import first_negative
 from plant.drive import Amplifiers
 from plant.friction import Modes, modes_of, release_margin
 from plant.parameters import Vector
-from plant.rigid_body import Balance, RigidBody, Step
+from plant.rigid_body import Balance, Glide, RigidBody, Step
 
 # No arm changes this often in one substep of a millisecond or less; it is here to end, and to tell, what must not be.
 MOST_PARTS = 1000
 SHORTEST_PART = 1 / 256
+
+State = tuple[Vector, Vector, Vector]
+"""q, w, current."""
 
 
 class StickSlip:
@@ -34,21 +38,72 @@ class StickSlip:
         self._limit: Vector = body.parameters.coulomb_Nm
         self._modes: Modes = ()
         self._settled = False
+        self._gliding = False
+        self._resting = False
+        self._legs: list[float] = []
+        self._leg = 1 + len(q)
+        self._judged: State
+        self._found: dict[Modes, tuple[Balance, Vector]] = {}
+        self._balanced_at: State | None = None
+        self._balanced: tuple[Vector, Vector]
+        self._glide: Glide
         self._step: Step
         self._balance_now: Balance
         self._constant: Vector
+        self._sliding: Vector
 
     def change(
         self, body: RigidBody | None = None, external_Nm: Vector | None = None, friction_limit_Nm: Vector | None = None
     ) -> None:
         """Replace what acts on the arm from now on; speeds stay as they are."""
+        self.arrive()
         self._body = self._body if body is None else body
         self._external = self._external if external_Nm is None else external_Nm
         self._limit = self._limit if friction_limit_Nm is None else friction_limit_Nm
-        self._settled = False
+        self._settled = self._gliding = self._resting = False
+        self._balanced_at = None
+        self._found.clear()
 
     def advance(self, span_s: float) -> None:
-        """Integrate over span_s, one Runge-Kutta step if nothing changes; ArithmeticError if changes do not end."""
+        """Integrate over span_s, or note it for `arrive`; ArithmeticError if changes do not end."""
+        if self._gliding:
+            self._legs += span_s, *self._amplifiers.current_A
+        elif not (self._resting and self._amplifiers.current_A == self._judged[2]):
+            self._advance(span_s)
+
+    def arrive(self) -> None:
+        """Integrate what `advance` has noted: q, w and `balance` are those of now."""
+        if not self._legs:
+            return
+        legs, self._legs = self._legs, []
+        current_now = self._amplifiers.current_A
+        while legs:
+            if self._gliding:
+                legs = self._glide_on(legs)
+            if legs:
+                span_s, *current = legs[: self._leg]
+                self._amplifiers.current_A = tuple(current)
+                self._advance(span_s)
+                legs = legs[self._leg :]
+        self._amplifiers.current_A = current_now
+
+    def _glide_on(self, legs: list[float]) -> list[float]:
+        """Integrate over the legs as far as all joints keep sliding; return the others."""
+        done, self.q, self.w, acceleration = self._glide(legs, self.q, self.w, self._constant, self._modes)
+        left = legs[done * self._leg :]
+        if not left:
+            self._balanced_at = self.q, self.w, tuple(legs[1 - self._leg :])
+            self._balanced = acceleration, self._sliding
+        return left
+
+    def _advance(self, span_s: float) -> None:
+        self._integrate(span_s)
+        instant = self._amplifiers.instant and self._settled
+        self._gliding = instant and 0.0 not in self.w
+        self._resting = instant and not any(self._modes)
+
+    def _integrate(self, span_s: float) -> None:
+        """Integrate over span_s, one Runge-Kutta step if nothing changes."""
         if self._settled and 0.0 not in self.w:
             q, w, calm = self._trial(span_s)
             if calm:
@@ -70,32 +125,46 @@ class StickSlip:
         )
 
     def prepare(self) -> None:
-        """Compile the step of every set of free joints, which otherwise costs 1 to 8 ms at its first use."""
+        """Compile `glide`, and the step of every set of free joints: otherwise 1 to 8 ms at the first use of each."""
         coulomb = self._body.parameters.coulomb_Nm
         for modes in product((0, 1), repeat=len(coulomb)):
             free = _free(modes)
             self._body.balance(free)
-            self._body.step(free, tuple([j for j in free if coulomb[j - 1] > 0.0]))
+            watched = tuple([j for j in free if coulomb[j - 1] > 0.0])
+            self._body.step(free, watched)
+        if self._amplifiers.instant:
+            self._body.glide(watched)([0.0] * self._leg, self.q, self.w, self.w, (1,) * len(self.w))
 
     def balance(self) -> tuple[Vector, Vector]:
         """Return (q" [rad/s^2], 0.0 for joints that stand; c [N m], against sliding or what holds) at this instant."""
         self._settle()
-        acceleration, held = self._balance(self._modes)
-        columns = zip(self._modes, self._limit, held, strict=True)
-        return acceleration, tuple([x if s == 0 else s * c for s, c, x in columns])
+        state = self.q, self.w, self._amplifiers.current_A
+        if state != self._balanced_at:
+            acceleration, held = self._balance_now(*state, self._constant)
+            columns = zip(self._modes, self._sliding, held, strict=True)
+            self._balanced = acceleration, tuple([x if s == 0 else c for s, c, x in columns])
+            self._balanced_at = state
+        return self._balanced
 
     def _settle(self) -> None:
-        """Find the modes at this instant; joints at rest are judged again each time: the current may have jumped."""
+        """Find the modes at this instant; joints at rest are judged again when a current has jumped, or they moved."""
         if self._settled and 0.0 not in self.w:
             return
+        state = self.q, self.w, self._amplifiers.current_A
+        if self._settled and state == self._judged:
+            return
+        self._judged = state
         modes = modes_of(self.w, self._limit, self._balance)
         if self._settled and modes == self._modes:
             return
         self._modes, self._settled = modes, True
         free = _free(modes)
-        self._step = self._body.step(free, tuple([j for j in free if self._limit[j - 1] > 0.0]))
-        self._balance_now = self._body.balance(free)
-        self._constant = self._constant_of(modes)
+        watched = tuple([j for j in free if self._limit[j - 1] > 0.0])
+        self._step = self._body.step(free, watched)
+        if self._amplifiers.instant and free == self._body.all_joints:
+            self._glide = self._body.glide(watched)
+        self._balance_now, self._constant = self._under(modes)
+        self._sliding = tuple([s * c for s, c in zip(modes, self._limit, strict=True)])
 
     def _advance_part(self, longest_s: float, shortest_s: float) -> float:
         """Advance to the next change, at most longest_s; return how far."""
@@ -131,12 +200,16 @@ class StickSlip:
         return min(margin, release_margin(self._modes, self._limit, held))
 
     def _balance(self, modes: Modes) -> tuple[Vector, Vector]:
-        balance = self._body.balance(_free(modes))
-        return balance(self.q, self.w, self._amplifiers.current_A, self._constant_of(modes))
+        balance, constant = self._under(modes)
+        return balance(self.q, self.w, self._amplifiers.current_A, constant)
 
-    def _constant_of(self, modes: Modes) -> Vector:
-        """Return the torque that is constant while the modes are: from outside, and from sliding."""
-        return tuple([x - s * c for x, s, c in zip(self._external, modes, self._limit, strict=True)])
+    def _under(self, modes: Modes) -> tuple[Balance, Vector]:
+        """Return the balance, and the torque that is constant, while the modes are: from outside, and from sliding."""
+        if modes not in self._found:
+            columns = zip(self._external, modes, self._limit, strict=True)
+            constant = tuple([float(x - s * c) for x, s, c in columns])
+            self._found[modes] = self._body.balance(_free(modes)), constant
+        return self._found[modes]
 
 
 def _free(modes: Modes) -> tuple[int, ...]:

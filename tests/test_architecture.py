@@ -25,6 +25,7 @@ ONLY_IN = {
     "cantools": {"dbc/compiler.py"},
     "matplotlib": {"hil/figures.py"},
     "pyarrow": {"hil/record.py"},
+    "numba": {"plant/compiled.py"},
     "pickle": set(),
 }
 

@@ -64,6 +64,21 @@ def test_processes_and_inline_make_the_same_frames(name: str, fidelity: str) -> 
     assert run_processes(scenario, "arm").log.frames == run_inline(scenario).log.frames
 
 
+@pytest.mark.parametrize("name", scenario_file.builtin_names())
+def test_numba_changes_no_frame_and_no_record(name: str) -> None:
+    scenario = scenario_file.load(name)
+    compiled, python = (run_inline(scenario, compiled=on) for on in (True, False))
+    assert compiled.log.frames == python.log.frames
+    assert compiled.reports == python.reports
+
+
+def test_only_a_plant_that_runs_imports_numba() -> None:
+    """The rig checks a scenario by building its nodes, and the other processes know the plant's module: unburdened."""
+    code = "import sys; from hil import scenario_file as s; from hil.assemble import build_nodes as b; "
+    code += "b(s.load('paper-joint')); assert not {'numba', 'llvmlite', 'numpy'} & sys.modules.keys()"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_twenty_runs_make_the_same_frames(short: Scenario) -> None:
     expected = run_inline(short).log.sha256()
     assert {run_processes(short, f"arm{k}").log.sha256() for k in range(10)} == {expected}
