@@ -87,6 +87,7 @@ class HilBus(can.BusABC):
         }
         options |= _bit_times(bitrate, data_bitrate if self._fd else None, timing)
         self._listen_only = bool(options["listen_only"])
+        self._told_filters = options["filters"]
         self._connection, welcome = self._join(float(wait_s), options)
         self._page = welcome["page"]
         self._received: deque[Arrival] = deque()
@@ -258,6 +259,9 @@ class HilBus(can.BusABC):
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
         """Have the bus filter, so that what is not wanted does not even wake this client."""
+        if _plain(filters) == self._told_filters:
+            return
+        self._told_filters = _plain(filters)
         self._configure({"set_filters": True, "filters": _plain(filters)})
 
     # -- the controller --

@@ -230,7 +230,7 @@ class Observer(Client):
         super().__init__(hello, connection)
         self.acceptance: Container[int] = acceptance(hello.filters, hello.fd)
         self.frames: list[Arrival] = []
-        self.early: list[Arrival] = []
+        self.early: list[tuple[int, bytes]] = []
         self.lost = 0
         self._chunks: deque[tuple[bytes, int]] = deque()
         self._bytes = 0

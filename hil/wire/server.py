@@ -31,6 +31,8 @@ SLICE_NS = 5_000_000
 """Virtual time between two looks at the connections."""
 LAST_FRAMES_S = 5.0
 """Wall time that observers have at the end to take what is left for them."""
+EARLY_MESSAGES = 256
+"""What an observer may ask for before time begins."""
 IDLE_S = 0.1
 """Wall time of one wait where nothing is due."""
 
@@ -98,8 +100,8 @@ class Server:
         self._started = True
         for client in [*clients, *self.observers]:
             self.kernel_of(client).adopt(client.port)
-        for observer in self.observers:
-            self._queue(observer, observer.early)
+        for observer in list(self.observers):
+            self._replay(observer)
         for client in clients:
             client.port.begin()
 
@@ -315,11 +317,26 @@ class Server:
         except Closed:
             self._dismiss(observer)
 
+    def _replay(self, observer: Observer) -> None:
+        """Carry out what an observer asked for before time began."""
+        early, observer.early = observer.early, []
+        try:
+            for kind, body in early:
+                self._take(observer, kind, body)
+        except ProtocolError as error:
+            refuse(observer.connection, str(error))
+            self._dismiss(observer)
+
     def _take(self, observer: Observer, kind: int, body: bytes) -> None:
         if kind == protocol.LEAVE:
             raise Closed
         if kind not in (protocol.SEND, protocol.CONFIGURE):
             raise ProtocolError(f"message {kind} from an observer")
+        if not self._started:
+            if len(observer.early) >= EARLY_MESSAGES:
+                raise ProtocolError(f"more than {EARLY_MESSAGES} messages before time begins")
+            observer.early.append((kind, body))
+            return
         self.deterministic = False
         if kind == protocol.CONFIGURE:
             observer.configure(body)
@@ -327,12 +344,7 @@ class Server:
             self._queue(observer, protocol.decode_frames(body))
 
     def _queue(self, observer: Observer, frames: list[Arrival]) -> None:
-        """Queue its frames now; before the start, at the start."""
-        if not self._started:
-            room = observer.hello.depth - len(observer.early)
-            observer.early += frames[:room]
-            observer.port.controller.lost["transmit queue full"] += len(frames[room:])
-            return
+        """Queue its frames now."""
         kernel, medium = self.kernel_of(observer), observer.port.medium
         if frames and not observer.hello.listen_only and observer.port.controller.listen_only:
             medium.listen_only(observer.port, False)
