@@ -26,7 +26,8 @@ class Controller:
 
     one_shot: a disturbed frame is not sent again. discards: one that loses arbitration is not, either (FMI-LS-BUS:
     DISCARD_AND_NOTIFY, else BUFFER_AND_RETRANSMIT). listen_only: it drives no bit. lost: frames, by cause.
-    unheard: nobody acknowledged its last frame. left: frames that left the queue, sent or not. overrun, babbles, queue_delay_ns: faults of the script.
+    unheard: nobody acknowledged its last frame. given_up: a frame on the wire that is not sent again.
+    left: frames that left the queue, sent or not. overrun, babbles, queue_delay_ns: faults of the script.
     """
 
     __slots__ = (
@@ -36,6 +37,7 @@ class Controller:
         "discards",
         "errors",
         "fifo",
+        "given_up",
         "leaving",
         "left",
         "listen_only",
@@ -71,6 +73,7 @@ class Controller:
         self.off_since_ns = 0
         self.told = (1, False)
         self.unheard = False
+        self.given_up: Entry | None = None
         self.queued = 0
         self.waiting: deque[Entry] = deque()
         self.sent = self.received = self.left = self.repeated = 0

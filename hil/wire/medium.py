@@ -179,7 +179,7 @@ class Medium:
         return any(entry[1] == port.order and entry[4] == identifier for entry in self.pending)
 
     def flush(self, port: Port, reason: str = cause.FLUSHED) -> None:
-        """Drop what a controller has not begun to send."""
+        """Drop what a controller has not begun to send; what it has begun is not sent again."""
         controller = port.controller
         sending = self._current if self.play is None else self.play.sending(port)
         entries = [entry for entry in self.pending if entry[1] == port.order and entry is not sending]
@@ -189,6 +189,7 @@ class Medium:
         dropped = len(controller.waiting) - len(kept) if controller.fifo else len(entries)
         controller.waiting.clear()
         controller.waiting.extend(kept)
+        controller.given_up = sending if sending is not None and sending[1] == port.order else None
         controller.queued -= dropped
         controller.left += dropped
         controller.lost[reason] += dropped
@@ -389,8 +390,8 @@ class Medium:
     def failed(self, port: Port, entry: Entry, code: int, field: str) -> None:
         """Bus Error of a sender: its frame waits again, or is given up where it has one shot."""
         controller = port.controller
-        if controller.one_shot:
-            self.leave_queue(port, cause.ONE_SHOT)
+        if controller.one_shot or entry is controller.given_up:
+            self.leave_queue(port, cause.ONE_SHOT if controller.one_shot else cause.FLUSHED)
         else:
             controller.repeated += 1
             heappush(self.pending, entry)

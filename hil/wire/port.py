@@ -57,6 +57,7 @@ class Port:
         "alarm_ns",
         "busy_until_ns",
         "controller",
+        "delayed",
         "echo",
         "hears",
         "inbox",
@@ -75,6 +76,7 @@ class Port:
         self.timer_ns: int | None = None
         self.alarm_ns: int | None = None
         self.busy_until_ns = LONG_AGO_NS
+        self.delayed = 0
         self.inbox: deque[tuple[Arrival, bool]] = deque()
         self.agenda: Agenda
         self.medium: Medium
@@ -190,12 +192,18 @@ class Port:
         for delay_ns, identifier, data in sends:
             if delay_ns < 0 or identifier > STANDARD_MASK or identifier < 0 or len(data) > LONGEST_CLASSIC:
                 self._check_send(delay_ns, identifier, data)
-            if delay_ns == 0 or medium.functional:
+            if (delay_ns == 0 or medium.functional) and not self.delayed:
                 medium.queue(self, identifier, data)
-            else:
-                agenda.at(agenda.now_ns + delay_ns, QUEUE, self.order, self.queue, (identifier, data))
+            else:  # also behind one of this instant that was asked for before
+                self.delayed += 1
+                due_ns = agenda.now_ns + (0 if medium.functional else delay_ns)
+                agenda.at(due_ns, QUEUE, self.order, self._queue_late, (identifier, data))
         if timer_ns != self.timer_ns:
             self._set_timer(timer_ns)
+
+    def _queue_late(self, frame: tuple[int, bytes]) -> None:
+        self.delayed -= 1
+        self.queue(frame)
 
     def queue(self, frame: tuple[int, bytes]) -> None:
         """Queue a frame now."""
