@@ -1,8 +1,9 @@
 """Running a scenario as processes: one a node, and the wire in this one. They share nothing but CAN frames.
 
-All of them are kept on one CPU while they run: one works at a time, and waking another CPU costs more than the work
-itself (three times slower on two). A node that dies, hangs or breaks the protocol ends the run with its name; whatever
-happens, no process is left behind: a node whose bus is gone ends by itself.
+All of them are kept on one CPU while they run, at the same addresses (hil/addresses.py): one works at a time, and
+waking another CPU costs more than the work itself (three times slower on two). A node that dies, hangs or breaks the
+protocol ends the run with its name; whatever happens, no process is left behind: a node whose bus is gone ends by
+itself.
 """
 
 import json
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from dbc.compiler import load_arm
+from hil.addresses import fixed_addresses
 from hil.assemble import build_nodes, node_names
 from hil.drive import RUN_IS_OVER
 from hil.errors import NodeError, OutputError
@@ -136,8 +138,9 @@ class Processes:
         """Start every node."""
         resolved = self.folder / "scenario.json"
         resolved.write_text(self.scenario.model_dump_json())
-        for name in node_names(self.scenario):
-            self.processes[name] = self._start(name, resolved, self.channel)
+        with fixed_addresses():
+            for name in node_names(self.scenario):
+                self.processes[name] = self._start(name, resolved, self.channel)
 
     def _start(self, name: str, scenario: Path, channel: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "hil.node_process", name, str(scenario), channel, str(self._report(name))]
