@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from datetime import datetime
 from importlib import metadata
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn, ParamSpec
 
@@ -91,6 +92,10 @@ def run(
     ] = False,
     channel: Annotated[str | None, typer.Option("--channel", "-c", help="Name of the bus, for observers.")] = None,
     patience: Annotated[float, typer.Option(min=0.5, help="Seconds to wait for a node that does not answer.")] = 20.0,
+    pace: Annotated[
+        float | None,
+        typer.Option(min=1e-6, max=1e6, help="Virtual seconds a real second; default: as fast as it goes."),
+    ] = None,
 ) -> None:
     """Run an experiment: every node a process, over CAN in virtual time."""
     from hil import experiment, record, scenario_file, show
@@ -98,6 +103,8 @@ def run(
     from hil.rig import run_inline
 
     chosen = scenario_file.load(scenario, settings)
+    if inline and pace is not None:
+        raise typer.BadParameter("--pace with --inline: nobody could watch; leave one of them out")
     if out is None and not as_json:
         out = Path("runs") / f"{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
     if out is not None:
@@ -107,7 +114,7 @@ def run(
         if inline:
             outcome = run_inline(chosen, step)
         else:
-            outcome = run_processes(chosen, channel or f"run-{os.getpid()}", step, notice, patience)
+            outcome = run_processes(chosen, channel or f"run-{os.getpid()}", step, notice, patience, pace or inf)
     result = experiment.examine(outcome, age_s + outcome.setup_wall_s)
     if out is not None:
         experiment.write(result, out)

@@ -42,10 +42,11 @@ def over(connection: Connection, node: Node) -> None:
     Raises NodeError if the bus ends for another reason, protocol.Closed if it goes away without a word.
     """
     direct = Direct(node)
+    receive, wake = connection.receive, direct.wake
     while True:
-        kind, body = connection.receive()
+        kind, body = receive()
         if kind == protocol.GRANT:
-            reaction = direct.wake(*protocol.decode_grant(body))
+            reaction = wake(*protocol.decode_grant(body))
         elif kind == protocol.START:
             reaction = direct.start(protocol.decode_time(body))
         elif kind == protocol.END:

@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from hil.addresses import fixed_addresses
 from hil.assemble import build_nodes, node_names
 from hil.drive import RUN_IS_OVER
 from hil.errors import NodeError, OutputError
+from hil.pace import Pace
 from hil.rig import Outcome, Progress, Recorder, carry_through, make_kernel, no_progress, wire_counts
 from hil.scenario import Scenario
 from hil.watchdog import Notice, watchdog
@@ -44,8 +46,12 @@ def run_processes(
     progress: Progress = no_progress,
     notice: Notice = lambda _text: None,
     patience_s: float = PATIENCE_S,
+    pace: float = inf,
 ) -> Outcome:
-    """Run every node as a process of its own; raise NodeError naming the one that failed."""
+    """Run every node as a process of its own; raise NodeError naming the one that failed.
+
+    pace: virtual seconds a wall second, at most.
+    """
     began = time.perf_counter()
     build_nodes(scenario)
     listener = Listener(channel)
@@ -54,7 +60,7 @@ def run_processes(
             nodes = Processes(scenario, channel, Path(folder))
             try:
                 nodes.start()
-                return _run(scenario, listener, nodes, progress, watchdog(notice, patience_s), began)
+                return _run(scenario, listener, nodes, progress, watchdog(notice, patience_s), Pace(pace), began)
             finally:
                 nodes.end()
     except OSError as error:
@@ -69,11 +75,12 @@ def _run(
     nodes: "Processes",
     progress: Progress,
     on_wait: OnWait,
+    pace: Pace,
     began: float,
 ) -> Outcome:
     kernel = make_kernel(scenario)
     recorder = Recorder(kernel, load_arm())
-    server = Server([Bus(listener, kernel)], node_names(scenario), on_wait)
+    server = Server([Bus(listener, kernel)], node_names(scenario), on_wait, pace)
     reason = "the rig gave up"
     try:
         _gather(server, nodes)

@@ -48,14 +48,19 @@ class Client:
         self.wakes_on: Container[int] = NOTHING
         self.heard = self.changes = 0
         self.tasks: dict[int, PeriodicTask] = {}
-        self.port = self._make_port()
-        self.port.echo = hello.own
-        self.port.hears = {"none": NO_ERRORS, "own": OWN_ERRORS, "all": ALL_ERRORS}[hello.errors]
-        controller = self.port.controller
+        self.port = self._new_port()
+        self.page: StatusPage | None = None
+
+    def _new_port(self) -> Port:
+        """Return a port with a controller as it asked for."""
+        hello, port = self.hello, self._make_port()
+        port.echo = hello.own
+        port.hears = {"none": NO_ERRORS, "own": OWN_ERRORS, "all": ALL_ERRORS}[hello.errors]
+        controller = port.controller
         controller.depth, controller.fifo = hello.depth, hello.fifo
         controller.one_shot, controller.discards = hello.one_shot, hello.discards
         controller.listen_only = hello.listen_only
-        self.page: StatusPage | None = None
+        return port
 
     def _make_port(self) -> Port:
         raise NotImplementedError
@@ -254,6 +259,14 @@ class Observer(Client):
         """Take no more part than to see its frames out."""
         super().retire()
         self.acceptance = NOTHING
+
+    def renew(self) -> None:
+        """Begin anew in another session, with the same filters; periodic tasks end with the session."""
+        self.port = self._new_port()
+        self.tasks.clear()
+        self.frames.clear()
+        self._chunks.clear()
+        self._bytes = self.lost = 0
 
     @property
     def unsent(self) -> int:

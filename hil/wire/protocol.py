@@ -35,7 +35,7 @@ LONGEST_MESSAGE = 1 << 24
 FAR_NS = 1 << 62
 """Later than anything happens."""
 NO_TIMER = -(1 << 63)
-RECEIVE_BYTES = 1 << 16
+RECEIVE_BYTES = 1 << 14
 
 _PREFIX = struct.Struct("<IB")
 _TIME = struct.Struct("<q")
@@ -75,11 +75,17 @@ class Connection:
 
     def receive(self) -> tuple[int, bytes]:
         """Return the next message, waiting for it; BlockingIOError where the socket's own time limit runs out."""
-        while True:
-            message = self.next_message()
-            if message is not None:
-                return message
+        if not self._buffer:
             self.fill()
+            data = self._buffer
+            if len(data) > _PREFIX.size:  # almost always one whole message: no search, no rest
+                length, kind = _PREFIX.unpack_from(data)
+                if length + _PREFIX.size - 1 == len(data) and length <= self.longest:
+                    self._buffer = b""
+                    return kind, data[_PREFIX.size :]
+        while (message := self.next_message()) is None:
+            self.fill()
+        return message
 
     def receive_one(self) -> tuple[int, bytes]:
         """Return the next message and read no byte of the one behind it, so that the socket tells if there is one."""
@@ -132,7 +138,7 @@ class Connection:
             raise Closed from error
         if not data:
             raise Closed
-        self._buffer += data
+        self._buffer = self._buffer + data if self._buffer else data
 
     def next_message(self) -> tuple[int, bytes] | None:
         """Return a message that is whole in the buffer."""
@@ -200,6 +206,8 @@ def decode_time(body: bytes) -> int:
 
 def encode_grant(now_ns: int, stored: list[Arrival], cause: Arrival | None) -> bytes:
     """Return the body of GRANT."""
+    if cause is None and not stored:
+        return _GRANT.pack(now_ns, False, 0)
     frames = stored if cause is None else [*stored, cause]
     return _GRANT.pack(now_ns, cause is not None, len(frames)) + _encode_frames(frames)
 
@@ -250,6 +258,9 @@ def decode_frames(body: bytes) -> list[Arrival]:
 
 def _encode_frames(frames: list[Arrival]) -> bytes:
     pack = _FRAME.pack
+    if len(frames) == 1:
+        time_ns, identifier, data = frames[0]
+        return pack(time_ns, identifier, len(data)) + data
     return b"".join([pack(time_ns, identifier, len(data)) + data for time_ns, identifier, data in frames])
 
 

@@ -84,7 +84,8 @@ class Server:
         for bus in buses:
             bus.kernel.medium.listeners.append(self._tell_error)
         for channel, observer in observers:
-            self._admit_observer(channel, Observer(observer.hello, observer.connection))
+            observer.renew()
+            self._seat(channel, observer)
 
     # -- the session --
 
@@ -242,10 +243,14 @@ class Server:
 
     def _admit_observer(self, channel: str, observer: Observer) -> None:
         self._channels[observer.name] = channel
+        if self._welcome(observer):
+            self._seat(channel, observer)
+
+    def _seat(self, channel: str, observer: Observer) -> None:
+        """Let an observer watch from now on."""
+        self._channels[observer.name] = channel
         if self.expect:
             observer.port.controller.listen_only = True
-        if not self._welcome(observer):
-            return
         if self._started:
             self.kernel_of(observer).adopt(observer.port)
         self.observers.append(observer)
