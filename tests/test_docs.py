@@ -10,6 +10,8 @@ from typing import Any
 import can
 import pytest
 
+from hil.wire import fault_file
+
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "bus.md").read_text()
 
@@ -42,6 +44,23 @@ def test_a_bus_of_the_page_starts(hil: Any, line: str) -> None:
     words = line.split("#")[0].split()[2:]
     names = [word for word in words if word in ("arm", "leg")]
     hil.bus(" ".join(names), *words[len(names) :])
+
+
+def test_the_commands_to_the_clock_are_obeyed(hil: Any) -> None:
+    bus, *commands = [line.split("#")[0].split() for line in block("sh clock").splitlines()]
+    hil.bus(bus[2], *bus[3:])
+    for words in commands:
+        if words[1] == "clock":
+            answer = hil.run(*words[1:])
+            assert answer.returncode == 0, answer.stderr
+            assert "not there yet: left, right" in answer.stdout
+
+
+def test_the_faults_of_the_page_are_a_script(tmp_path: Path) -> None:
+    script = tmp_path / "faults.toml"
+    script.write_text(block("toml"))
+    kinds = [fault.kind for fault in fault_file.load(script, functional=False, fd=False)]
+    assert kinds == ["bit error", "bit error rate", "stuck dominant"]
 
 
 @pytest.mark.parametrize("target", re.findall(r"\]\((?!http)(.*?)\)|`(tests/[\w/.]+)`", PAGE))
