@@ -190,10 +190,8 @@ class Port:
         for delay_ns, identifier, data in sends:
             if delay_ns < 0 or identifier > STANDARD_MASK or identifier < 0 or len(data) > LONGEST_CLASSIC:
                 self._check_send(delay_ns, identifier, data)
-            if delay_ns == 0 or medium.functional:
-                medium.queue(self, identifier, data)
-            else:
-                agenda.at(agenda.now_ns + delay_ns, QUEUE, self.order, self.queue, (identifier, data))
+            queued_ns = agenda.now_ns + (0 if medium.functional else delay_ns)
+            agenda.at(queued_ns, QUEUE, self.order, self.queue, (identifier, data))
         if timer_ns != self.timer_ns:
             self._set_timer(timer_ns)
 

@@ -659,6 +659,18 @@ class TestTransmitQueue:
         bus, _ = transcript(sender(*[send(0x7FF)] * 10, send(0x000)))
         assert [identifier for _, identifier, _ in bus] == [0x7FF] * 10
 
+    def test_room_goes_to_the_frame_that_was_asked_for_first(self):
+        """Both enter the queue at 50 us: one asked for at the start, the other by the timer that falls due then."""
+        steps = (Step(timer=50_000, sends=(send(SYNC, b"\x01", 50_000),)), Step(sends=(send(SYNC, b"\x02"),)))
+        kernel, log = Kernel(BIT_NS), []
+        kernel.watchers.append(lambda *frame: log.append(frame))
+        nodes, _ = nodes_of([Script(steps)])
+        (port,) = join_all(kernel, nodes)
+        port.controller.depth = 1
+        kernel.start()
+        kernel.run(1_000_000)
+        assert [data for _, _, data, _ in log] == [b"\x01"]
+
     def test_queue_of_a_neighbour_has_its_own_room(self):
         bus, _ = transcript(sender(*[send(ENCODER)] * 10), sender(*[send(SYNC)] * 10))
         assert [name for *_, name in bus] == ["b"] * 10 + ["a"] * 10
