@@ -17,13 +17,14 @@ import pytest
 from hil.drive import Direct
 from hil.errors import NodeError
 from hil.wire import channel, protocol
+from hil.wire import door as door_module
 from hil.wire import participants as participants_module
 from hil.wire import server as server_module
 from hil.wire.channel import Listener
 from hil.wire.identifier import EXTENDED
 from hil.wire.kernel import Kernel
 from hil.wire.protocol import Closed, Connection
-from hil.wire.server import Server
+from hil.wire.server import Bus, Server
 
 pytestmark = pytest.mark.usefixtures("bounded", "runtime")
 
@@ -128,18 +129,26 @@ class Chatter:
         return {}
 
 
-class Bench:
-    """A server on the channel `arm`, and what surrounds it."""
+class Silent:
+    """A node in the bus's own process that does nothing but acknowledge."""
 
-    def __init__(self, expect=(), functional=False, inline=()):
+    name, wakes_on, stores, finished = "silent", (), (), False
+
+    def on_start(self, _now_ns):
+        return 0, None, []
+
+
+class Bench:
+    """A server on the channel `arm`, and what surrounds it; one node in the bus's own process at least."""
+
+    def __init__(self, expect=(), functional=False, inline=(), **options):
         self.kernel, self.log = watched(functional)
         self.listener = Listener("arm")
         self.waits = []
-        self.server = Server(self.listener, self.kernel, expect, self.on_wait)
+        self.server = Server([Bus(self.listener, self.kernel)], expect, self.on_wait, **options)
         self.processes = {}
         self.clients = []
-        for node in inline:
-            self.kernel.join(Direct(node))
+        self.inline = [self.kernel.join(Direct(node)) for node in (*inline, Silent())]
 
     def on_wait(self, name, _waited_s):
         """Continue whom the bus waits for, in case it is stopped; the signal does nothing to one that runs."""
@@ -155,9 +164,14 @@ class Bench:
         while self.server.missing():
             self.server.poll(0.1)
 
+    def start(self):
+        self.server.start()
+        for port in self.inline:
+            port.begin()
+
     def play(self):
         self.gather()
-        self.server.start()
+        self.start()
         self.server.run(END_NS)
         self.server.end("the run is over")
         return [process.wait() for process in self.processes.values()]
@@ -170,7 +184,7 @@ class Bench:
     def introduce(self, name, timed=False, *answers, **values):
         """Send a HELLO, and behind it the answers of a timed client; return (client, the bus's kind, body)."""
         client = self.connect()
-        hello = {"name": name, "timed": timed, "start_ns": None, "wakes_on": [], "stores": []} | values
+        hello = {"name": name, "role": "timed" if timed else "observer"} | ({"wakes_on": []} if timed else {}) | values
         client.stream.sendall(
             protocol.message(protocol.HELLO, protocol.encode_json(hello))
             + b"".join(protocol.message(kind, protocol.encode_yield(reaction)) for kind, reaction in answers)
@@ -287,7 +301,7 @@ def test_strangers_are_shown_out_and_the_others_go_on(bench):
     bench = bench(("ping", "pong"))
     bench.spawn("ping")
     bench.spawn("pong")
-    whole = protocol.message(protocol.HELLO, protocol.encode_json({"name": "half", "timed": False}))
+    whole = protocol.message(protocol.HELLO, protocol.encode_json({"name": "half", "role": "observer"}))
     said = [b"GET / HTTP/1.1\r\n\r\n", b"\x00" * 5, bytes(range(256)), whole[:1], whole[:-1], b"", whole[:7]]
     strangers = [bench.connect() for _ in said]
     for stranger, words in zip(strangers, said, strict=True):
@@ -298,52 +312,134 @@ def test_strangers_are_shown_out_and_the_others_go_on(bench):
     assert bench.server.deterministic
 
 
+GOOD_HELLO = {
+    "name": "x",
+    "role": "observer",
+    "start_ns": None,
+    "wakes_on": [1],
+    "stores": [],
+    "filters": [{"can_id": 1, "can_mask": 1, "extended": None}],
+    "fd": False,
+    "own": True,
+    "errors": "all",
+    "page": False,
+    "listen_only": False,
+    "bit_ns": BIT_NS,
+    "data_bit_ns": None,
+    "depth": 10,
+    "fifo": True,
+    "one_shot": False,
+    "discards": False,
+}
+
+
 def refused_hellos():
-    good = {"name": "x", "timed": False, "start_ns": None, "wakes_on": [1], "stores": []}
     for key, value in [
         ("name", 1),
         ("name", None),
-        ("timed", "yes"),
-        ("timed", 1),
+        ("name", ""),
+        ("name", "x" * 101),
+        ("role", "yes"),
+        ("role", True),
+        ("role", None),
         ("start_ns", "now"),
         ("start_ns", 1.5),
         ("start_ns", 1 << 63),
+        ("start_ns", -(1 << 63)),
         ("wakes_on", 1),
         ("wakes_on", ["a"]),
         ("wakes_on", [-1]),
-        ("wakes_on", [1 << 32]),
+        ("wakes_on", [1 << 35]),
         ("wakes_on", [[1]]),
         ("stores", None),
         ("stores", [1.0]),
+        ("stores", [True]),
+        ("filters", {}),
+        ("filters", [{"can_id": 1}]),
+        ("filters", [{"can_id": 1, "can_mask": 1 << 32}]),
+        ("filters", [{"can_id": -1, "can_mask": 1}]),
+        ("filters", [{"can_id": 1, "can_mask": 1, "extended": 1}]),
+        ("fd", "true"),
+        ("own", 1),
+        ("errors", "some"),
+        ("page", None),
+        ("bit_ns", 0),
+        ("data_bit_ns", -1),
+        ("depth", 0),
+        ("depth", 4097),
+        ("fifo", "no"),
+        ("timed", True),
     ]:
-        yield pytest.param(protocol.encode_json(good | {key: value}), id=f"{key}={value!r}")
-    for key in good:
-        yield pytest.param(protocol.encode_json({k: v for k, v in good.items() if k != key}), id=f"no {key}")
+        yield pytest.param(protocol.encode_json(GOOD_HELLO | {key: value}), key, id=f"{key}={str(value)[:30]!r}")
+    for key in ("name", "role"):
+        some = {k: v for k, v in GOOD_HELLO.items() if k != key}
+        yield pytest.param(protocol.encode_json(some), key, id=f"no {key}")
+    for key in ("wakes_on", "stores"):
+        yield pytest.param(protocol.encode_json(GOOD_HELLO | {key: [1] * 4097}), key, id=f"{key} without end")
     for body in (b"", b"[]", b"{", b"\xff\xfe", b"null", b"[" * 10_000):
-        yield pytest.param(body, id=repr(body[:10]))
+        yield pytest.param(body, "", id=repr(body[:10]))
 
 
-REFUSED_HELLOS = [param for param in refused_hellos() if param.id not in ("no start_ns", "no wakes_on")]
-
-
-@pytest.mark.parametrize("body", REFUSED_HELLOS)
-def test_hello_that_is_none_is_refused_with_a_reason(bench, body):
+@pytest.mark.parametrize(("body", "culprit"), list(refused_hellos()))
+def test_hello_that_is_none_is_refused_with_a_reason(bench, body, culprit):
     bench = bench()
     client = bench.connect()
     client.send(protocol.HELLO, body)
     kind, reason = bench.answer(client)
     assert kind == protocol.REFUSED
-    assert reason.decode()
+    assert reason.decode().startswith(f"Hello: {culprit}" if culprit else "Hello: ")
     assert messages(client) == []
     assert bench.server.observers == []
 
 
-@pytest.mark.parametrize("kind", [0, *range(protocol.WELCOME, protocol.END + 2), 255])
+@pytest.mark.parametrize("hello", [{"name": "x", "role": "observer"}, GOOD_HELLO], ids=["shortest", "all"])
+@pytest.mark.parametrize("role", ["observer", "timed"])
+def test_hello_with_all_or_with_what_it_must_have_is_welcome(bench, hello, role):
+    bench = bench()
+    client = bench.connect()
+    client.send(protocol.HELLO, protocol.encode_json(hello | {"role": role}))
+    assert bench.answer(client)[0] == protocol.WELCOME
+
+
+@pytest.mark.parametrize("kind", [0, *range(protocol.WELCOME, protocol.STATUS + 2), 255])
 def test_other_message_in_the_place_of_hello_is_refused(bench, kind):
     bench = bench()
     client = bench.connect()
     client.send(kind, b"")
     assert bench.answer(client)[0] == protocol.REFUSED
+
+
+def test_first_message_is_short(bench):
+    bench = bench()
+    client = bench.connect()
+    client.stream.sendall(b"\x01\x00\x04\x00\x01")
+    kind, reason = bench.answer(client)
+    assert (kind, b"262144" in reason) == (protocol.REFUSED, True)
+
+
+def test_who_says_nothing_is_shown_out_after_a_while(bench, monkeypatch):
+    bench = bench()
+    client = bench.connect()
+    client.stream.sendall(b"\x10")
+    bench.server.poll(0.1)
+    assert not readable(client)
+    monkeypatch.setattr(door_module, "PATIENCE_S", -1.0)
+    bench.server.poll(0.1)
+    bench.server._door.attend()
+    assert messages(client)[0][0] == protocol.REFUSED
+
+
+def test_no_more_than_so_many_strangers_at_a_time(bench):
+    bench = bench()
+    crowd = [bench.connect() for _ in range(door_module.STRANGERS)]
+    while len(bench.server._door._since) < len(crowd):
+        bench.server.poll(0.1)
+    late = bench.connect()
+    kind, reason = bench.answer(late)
+    assert (kind, b"64 others wait" in reason) == (protocol.REFUSED, True)
+    crowd[0].close()
+    bench.server.poll(0.1)
+    assert bench.introduce("eye")[1] == protocol.WELCOME
 
 
 def test_observer_may_not_take_the_name_of_a_client_that_time_waits_for(bench):
@@ -374,7 +470,7 @@ def test_timed_client_that_nobody_expects_is_refused_with_those_expected(bench):
 
 def test_welcome_tells_bit_time_and_fidelity(bench):
     _, _, body = bench().introduce("a")
-    assert protocol.decode_json(body) == {"bit_ns": BIT_NS, "fidelity": "bits"}
+    assert protocol.decode_json(body) == {"bit_ns": BIT_NS, "data_bit_ns": None, "fidelity": "bits"}
 
 
 # -- timed clients --
@@ -385,13 +481,13 @@ def test_time_starts_where_the_earliest_says(bench):
     nothing = (protocol.LEAVE, (0, None, []))
     a, _, _ = bench.introduce("a", True, nothing, start_ns=-1000)
     b, _, _ = bench.introduce("b", True, nothing, start_ns=-5000)
-    bench.server.start()
+    bench.start()
     assert a.receive() == b.receive() == (protocol.START, protocol.encode_time(-5000))
 
 
 def test_timed_client_hears_what_it_asked_for_and_nothing_else(bench):
     bench = bench(inline=[Chatter(3)])
-    bench.server.start()
+    bench.start()
     woken, _, _ = bench.introduce(
         "woken", True, *[(protocol.YIELD, (0, None, []))] * 3, (protocol.LEAVE, (0, None, [])), wakes_on=[0x100]
     )
@@ -405,7 +501,7 @@ def test_timed_client_hears_what_it_asked_for_and_nothing_else(bench):
 
 def test_null_wakes_on_every_frame(bench):
     bench = bench(inline=[Chatter(2)])
-    bench.server.start()
+    bench.start()
     client, _, _ = bench.introduce("all", True, *[(protocol.YIELD, (0, None, []))] * 3, wakes_on=None)
     bench.server.run(END_NS)
     bench.server.end("")
@@ -414,7 +510,7 @@ def test_null_wakes_on_every_frame(bench):
 
 def test_frame_is_stored_for_a_client_until_it_wakes(bench):
     bench = bench(inline=[Chatter(2)])
-    bench.server.start()
+    bench.start()
     answers = [(protocol.YIELD, (0, 10_000_000, [])), (protocol.LEAVE, (0, None, []))]
     client, _, _ = bench.introduce("store", True, *answers, stores=[0x100])
     bench.server.run(END_NS)
@@ -429,7 +525,7 @@ def test_run_returns_when_the_last_timed_client_has_left(bench):
     leaving = (protocol.LEAVE, (0, None, [(0, 0x100, b"bye")]))
     bench.introduce("a", True, (protocol.YIELD, (0, 7_000_000, [])), leaving)
     bench.introduce("b", True, (protocol.YIELD, (0, 1_000_000, [])), leaving)
-    bench.server.start()
+    bench.start()
     bench.server.run(1 << 50)
     assert bench.server.deserted
     assert 7_000_000 <= bench.kernel.now_ns < END_NS
@@ -442,7 +538,7 @@ def test_last_words_of_the_last_client_go_on_the_bus_whenever_it_leaves(bench, b
     leaves_ns = server_module.SLICE_NS - before_ns
     leaving = (protocol.LEAVE, (0, None, [(0, 0x100, b"bye")]))
     bench.introduce("a", True, (protocol.YIELD, (0, leaves_ns, [])), leaving)
-    bench.server.start()
+    bench.start()
     bench.server.run(END_NS)
     assert [(identifier, data) for _, identifier, data, _ in bench.log] == [(0x100, b"bye")]
 
@@ -451,13 +547,13 @@ def test_last_words_of_the_last_client_go_on_the_bus_whenever_it_leaves(bench, b
 def test_where_none_is_expected_who_comes_timed_is_waited_for(bench, after_start):
     bench = bench()
     if after_start:
-        bench.server.start()
+        bench.start()
         bench.server.run(3_000_000)
     sending = (protocol.YIELD, (0, None, [(0, 0x100, b"hello")]))
     client, kind, _ = bench.introduce("late", True, sending)
     assert kind == protocol.WELCOME
     if not after_start:
-        bench.server.start()
+        bench.start()
     bench.server.run(END_NS)
     bench.server.end("")
     now_ns = 3_000_000 if after_start else 0
@@ -490,25 +586,45 @@ def test_client_that_breaks_the_protocol_ends_the_run_with_its_name(bench, breac
     client, _, _ = bench.introduce("a", True, *first, start_ns=1_000_000 if when == "at the start" else 0)
     client.stream.sendall(BREACHES[breach])
     with pytest.raises(NodeError, match=r"^a\b"):  # noqa: PT012 (either of the two may find it)
-        bench.server.start()
+        bench.start()
         bench.server.run(END_NS)
 
 
-def test_node_that_stores_for_long_without_waking_is_handed_all(bench):
-    """More frames than a message's counter of 16 bits holds."""
-    count, granted = 66_000, []
-    bench = bench(("store",), functional=True, inline=[Chatter(count, 1)])
+def stored_by(bench, count, depth=None):
+    """What a client with this much room has stored when its timer wakes it behind `count` frames; and its port."""
+    granted = []
     client, _, _ = bench.introduce("store", True, (protocol.YIELD, (0, 1_000_000, [])), stores=[0x100])
     client.stream.sendall(protocol.message(protocol.YIELD, protocol.encode_yield((0, None, []))))
+    port = bench.server.timed["store"].port
+    port.controller.receive_depth = depth or port.controller.receive_depth
     reader = threading.Thread(target=granted.extend, args=(_grants(client),))
     reader.start()
     try:
-        bench.server.start()
+        bench.start()
         bench.server.run(2_000_000)
     finally:
         bench.server.end("")
         reader.join()
-    assert [len(stored) for _, stored, _ in granted] == [count]
+    ((_, stored, _),) = granted
+    assert len(bench.log) == count
+    return stored, port
+
+
+def test_node_that_stores_for_long_without_waking_is_handed_all(bench):
+    """More frames than a message's counter of 16 bits holds."""
+    bench = bench(("store",), functional=True, inline=[Chatter(66_000, 1)])
+    stored, port = stored_by(bench, 66_000, 1 << 20)
+    assert stored == [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log]
+    assert port.controller.lost == {}
+
+
+def test_frames_that_find_no_room_are_lost_and_counted(bench):
+    """The first 64 are kept, as in the receive FIFO of a controller; the bus goes on."""
+    bench = bench(("store",), functional=True, inline=[Chatter(100, 1)])
+    stored, port = stored_by(bench, 100)
+    assert stored == [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log[:64]]
+    assert port.controller.lost == {"receive overrun": 36}
+    assert bench.server.status()["nodes"]["store"]["lost"] == {"receive overrun": 36}
 
 
 def _grants(client):
@@ -538,7 +654,7 @@ def test_what_an_observer_sends_is_queued_and_ends_determinism(bench):
     bench = bench()
     speaker, _, _ = bench.introduce("speaker")
     eye, _, _ = bench.introduce("eye")
-    bench.server.start()
+    bench.start()
     bench.server.run(5_000_000)
     assert bench.server.deterministic
     speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"one"), (99, 5 | EXTENDED, b"")]))
@@ -560,7 +676,7 @@ def test_frame_that_an_observer_sends_before_the_start_goes_at_the_start(bench):
     speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
     while bench.server.deterministic:
         bench.server.poll(0.1)
-    bench.server.start()
+    bench.start()
     assert bench.kernel.now_ns == 50_000
     bench.server.run(END_NS)
     assert [(identifier, sender) for _, identifier, _, sender in bench.log] == [(0x123, "speaker")]
@@ -583,7 +699,7 @@ def test_observer_that_sends_nonsense_is_shown_out_and_the_others_go_on(bench, w
     bench = bench(inline=[Chatter(20)])
     fool, _, _ = bench.introduce("fool")
     eye, _, _ = bench.introduce("eye")
-    bench.server.start()
+    bench.start()
     fool.stream.sendall(NONSENSE[words])
     bench.server.run(END_NS)
     bench.server.end("")
@@ -595,7 +711,7 @@ def test_observer_that_leaves_or_dies_is_forgotten(bench):
     bench = bench(inline=[Chatter(20)])
     polite, _, _ = bench.introduce("polite")
     rude, _, _ = bench.introduce("rude")
-    bench.server.start()
+    bench.start()
     polite.send(protocol.LEAVE, b"")
     rude.close()
     bench.server.run(END_NS)
@@ -618,7 +734,7 @@ def slow(bench, monkeypatch):
 
 def test_observer_that_never_reads_holds_nobody_and_what_it_misses_is_counted(slow):
     bench, client = slow
-    bench.server.start()
+    bench.start()
     bench.server.run(1_000_000_000)
     assert len(bench.log) == 2000
     lost = bench.server.lost_frames
@@ -642,7 +758,7 @@ def test_observer_that_never_reads_holds_nobody_and_what_it_misses_is_counted(sl
 
 def test_what_an_observer_has_not_taken_by_the_end_is_counted_as_lost(slow, monkeypatch):
     bench, client = slow
-    bench.server.start()
+    bench.start()
     bench.server.run(1_000_000_000)
     seconds = iter(range(1000))
     monkeypatch.setattr(server_module, "time", SimpleNamespace(monotonic=lambda: float(next(seconds))))
