@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
@@ -20,6 +21,8 @@ from hil.wire import channel, protocol
 from hil.wire import door as door_module
 from hil.wire import participants as participants_module
 from hil.wire import server as server_module
+from hil.wire.agenda import Agenda
+from hil.wire.bits import frame_bits
 from hil.wire.channel import Listener
 from hil.wire.identifier import EXTENDED
 from hil.wire.kernel import Kernel
@@ -674,13 +677,13 @@ def test_frame_that_an_observer_sends_before_the_start_goes_at_the_start(bench):
     speaker, _, _ = bench.introduce("speaker")
     bench.introduce("a", True, (protocol.YIELD, (0, 100_000, [])), (protocol.YIELD, (0, None, [])), start_ns=50_000)
     speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
-    while bench.server.deterministic:
-        bench.server.poll(0.1)
+    bench.server.poll(0.1)
     bench.start()
     assert bench.kernel.now_ns == 50_000
     bench.server.run(END_NS)
     assert [(identifier, sender) for _, identifier, _, sender in bench.log] == [(0x123, "speaker")]
     assert bench.log[0][0] > 50_000
+    assert not bench.server.deterministic
 
 
 NONSENSE = {
@@ -764,3 +767,276 @@ def test_what_an_observer_has_not_taken_by_the_end_is_counted_as_lost(slow, monk
     monkeypatch.setattr(server_module, "time", SimpleNamespace(monotonic=lambda: float(next(seconds))))
     bench.server.end("")
     assert len(frames_in(messages(client))) + bench.server.lost_frames >= 2000
+
+
+# -- observers that change their controller --
+
+
+def configure(**change):
+    return protocol.message(protocol.CONFIGURE, protocol.encode_json(change))
+
+
+FILTERS = {"set_filters": True, "filters": [{"can_id": 0x100, "can_mask": 0x7FF}]}
+
+
+def test_frames_that_an_observer_flushes_before_the_start_are_not_sent(bench):
+    bench = bench(("a",))
+    speaker, _, _ = bench.introduce("speaker")
+    bench.introduce("a", True, (protocol.YIELD, (0, None, [])))
+    speaker.stream.sendall(
+        protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
+        + configure(flush=True)
+        + protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x124, b"")]))
+    )
+    bench.server.poll(0.1)
+    bench.start()
+    bench.server.run(END_NS)
+    assert [(identifier, sender) for _, identifier, _, sender in bench.log] == [(0x124, "speaker")]
+
+
+def test_frames_of_an_observer_before_the_start_find_ten_places(bench):
+    bench = bench(("a",))
+    speaker, _, _ = bench.introduce("speaker")
+    bench.introduce("a", True, (protocol.YIELD, (0, None, [])))
+    frames = [(0, 0x100 + number, b"") for number in range(13)]
+    speaker.send(protocol.SEND, protocol.encode_frames(frames))
+    bench.server.poll(0.1)
+    bench.start()
+    bench.server.run(END_NS)
+    assert [identifier for _, identifier, _, _ in bench.log] == list(range(0x100, 0x10A))
+    assert bench.server.status()["nodes"]["speaker"]["lost"] == {"transmit queue full": 3}
+
+
+@pytest.mark.parametrize("when", ["before the start", "later"])
+@pytest.mark.parametrize("words", NONSENSE)
+def test_nonsense_is_shown_out_before_the_start_as_later(bench, words, when):
+    bench = bench(("a",), inline=[Chatter(20)])
+    fool, _, _ = bench.introduce("fool")
+    bench.introduce("a", True, (protocol.YIELD, (0, None, [])))
+    if when == "later":
+        bench.start()
+    fool.stream.sendall(NONSENSE[words])
+    bench.server.poll(0.1)
+    if when == "before the start":
+        bench.start()
+    bench.server.run(END_NS)
+    assert bench.server.observers == []
+    bench.server.end("")
+    assert [sender for *_, sender in bench.log] == ["chatter"] * 20
+    assert messages(fool)[-1][0] == protocol.REFUSED
+
+
+def test_observer_that_says_too_much_before_the_start_is_shown_out(bench):
+    bench = bench(("a",))
+    fool, _, _ = bench.introduce("fool")
+    fool.stream.sendall(configure(flush=True) * (server_module.EARLY_MESSAGES + 1))
+    kind, reason = bench.answer(fool)
+    assert (kind, b"more than 256 messages before time begins" in reason) == (protocol.REFUSED, True)
+    assert messages(fool) == []
+
+
+def test_observer_where_clients_are_expected_listens_only_until_it_sends(bench):
+    """a and the observer are alone (the third of the bench's own listens only): whether a is heard is up to it."""
+    bench = bench(("a",))
+    bench.inline[0].controller.listen_only = True
+    eye, _, _ = bench.introduce("eye")
+    sending = (protocol.YIELD, (0, 10_000_000, [(0, 0x100, b"")]))
+    bench.introduce("a", True, sending, (protocol.YIELD, (0, None, [])))
+    bench.start()
+    bench.server.run(5_000_000)
+    assert bench.log == []
+    assert bench.server.status()["nodes"]["a"]["state"] == "error-passive"
+    eye.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
+    while bench.server.deterministic:
+        bench.server.poll(0.1)
+    bench.server.run(10_000_000)
+    assert sorted(sender for *_, sender in bench.log) == ["a", "eye"]
+
+
+def test_client_that_dies_is_removed_and_counted_where_the_others_go_on(bench):
+    bench = bench(("ping", "pong", "a"), go_on=True)
+    bench.spawn("ping", "SIGKILL")
+    bench.spawn("pong")
+    ticks = [(protocol.YIELD, (0, 1_000_000 * k, [(0, 0x600, b"")])) for k in range(1, 40)]
+    bench.introduce("a", True, *ticks, (protocol.LEAVE, (0, None, [])))
+    bench.gather()
+    bench.start()
+    bench.server.run(END_NS)
+    assert bench.server.died == bench.server.status()["died"] == ["ping is gone: its connection to the bus broke"]
+    assert sorted(bench.server.status()["nodes"]) == ["pong", "silent"]
+    assert [sender for *_, sender in bench.log].count("a") == 39
+    mine = [frame for frame in bench.log if frame[3] != "a"]
+    assert len(mine) > 9
+    bench.server.end("")
+
+
+# -- several channels --
+
+
+def test_buses_of_one_server_share_their_time(bench):
+    """The same frames at the same instants on both; nobody hears the other bus."""
+    agenda = Agenda()
+    listeners = [Listener("left"), Listener("right")]
+    kernels = [Kernel(BIT_NS, agenda=agenda), Kernel(2 * BIT_NS, agenda=agenda)]
+    buses = [Bus(listener, kernel) for listener, kernel in zip(listeners, kernels, strict=True)]
+    server = Server(buses, ("a", "b", "c", "d"), bench().on_wait)
+    log = []
+    for name, kernel in server.buses.items():
+        kernel.watchers.append(lambda *frame, name=name: log.append((name, *frame)))
+    clients = {}
+    for name, where in [("a", "left"), ("b", "right"), ("c", "left"), ("d", "right")]:
+        clients[name] = client = Connection(channel.connect(where))
+        sends = [(0, 0x100, b"")] if name in "ab" else []
+        hello = {"name": name, "role": "timed", "wakes_on": None}
+        client.send(protocol.HELLO, protocol.encode_json(hello))
+        for _ in range(2):
+            client.send(protocol.YIELD, protocol.encode_yield((0, None, sends)))
+            sends = []
+    while server.missing():
+        server.poll(0.1)
+    server.start()
+    server.run(1_000_000)
+    bits = frame_bits(0x100, b"")
+    assert log == [("left", bits * 1000, 0x100, b"", "a"), ("right", bits * 2000, 0x100, b"", "b")]
+    assert {name: node["channel"] for name, node in server.status()["nodes"].items()} == {
+        "a": "left", "b": "right", "c": "left", "d": "right",
+    }  # fmt: skip
+    server.end("")
+    for name in "cd":
+        assert [kind for kind, _ in messages(clients[name])] == [
+            protocol.WELCOME, protocol.START, protocol.GRANT, protocol.END,
+        ]  # fmt: skip
+    for each in (*clients.values(), *listeners):
+        each.close()
+
+
+# -- the clock --
+
+
+def command(bench, client, **words):
+    """Give the clock a command; return its answer, or the text of the refusal."""
+    client.send(protocol.CONTROL, protocol.encode_json(words))
+    kind, body = bench.answer(client)
+    return protocol.decode_json(body) if kind == protocol.STATUS else body.decode()
+
+
+@pytest.fixture
+def clock(bench):
+    """A bench whose chatter sends every 200 us, and a client that controls its clock."""
+    bench = bench(inline=[Chatter(1000)])
+    client = bench.connect()
+    client.send(protocol.HELLO, protocol.encode_json({"name": "clock", "role": "control"}))
+    bench.server.poll(0.1)
+    bench.start()
+    return bench, client
+
+
+def run_for_a_while(bench):
+    """Let the server do what it may; a paused one never gets to the end, so it is ended from within."""
+    polls = iter(range(5))
+    poll = bench.server.poll
+
+    def poll_at_most(_timeout_s):
+        poll(0.0)
+        if next(polls, None) is None:
+            raise TimeoutError
+
+    bench.server.poll = poll_at_most
+    with suppress(TimeoutError):
+        bench.server.run(bench.kernel.now_ns + 3_000_000)
+    bench.server.poll = poll
+
+
+def test_paused_bus_stands_still_and_steps_exactly(clock):
+    bench, client = clock
+    bench.server.run(1_000_000)
+    status = command(bench, client, command="pause")
+    assert (status["now_ns"], status["paused"]) == (1_000_000, True)
+    run_for_a_while(bench)
+    assert bench.kernel.now_ns == 1_000_000
+    assert command(bench, client, command="step", step_ns=123_456)["paused"]
+    run_for_a_while(bench)
+    assert bench.kernel.now_ns == 1_123_456
+    for _ in range(2):
+        command(bench, client, command="step", step_ns=1_000_000)
+    run_for_a_while(bench)
+    assert bench.kernel.now_ns == 3_123_456
+    assert not command(bench, client, command="continue")["paused"]
+    bench.server.run(8_000_000)
+    assert bench.kernel.now_ns == 8_000_000
+    assert [end_ns // 200_000 for end_ns, *_ in bench.log] == list(range(1, 40))
+
+
+def test_pace_is_set_and_taken_back(clock):
+    bench, client = clock
+    assert command(bench, client, command="status")["pace"] is None
+    assert command(bench, client, command="pace", pace=2.5)["pace"] == 2.5
+    assert command(bench, client, command="pace")["pace"] is None
+
+
+def test_status_tells_what_every_controller_counted(clock):
+    bench, client = clock
+    bench.server.run(1_000_000)
+    status = command(bench, client, command="status")
+    assert status["nodes"]["chatter"] == {
+        "sent": 4, "received": 0, "repeated": 0, "lost": {}, "errors": {}, "tec": 0, "rec": 0,
+        "state": "error-active", "channel": "arm",
+    }  # fmt: skip
+    assert status["waiting_for"] is None
+    assert (status["missing"], status["died"]) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("words", "culprit"),
+    [
+        ({}, "command"),
+        ({"command": "stop"}, "command"),
+        ({"command": "step", "step_ns": 0}, "step_ns"),
+        ({"command": "step", "step_ns": 1.5}, "step_ns"),
+        ({"command": "step", "step_ns": (1 << 62) + 1}, "step_ns"),
+        ({"command": "pace", "pace": 0}, "pace"),
+        ({"command": "pace", "pace": -1.0}, "pace"),
+        ({"command": "pace", "pace": 1e7}, "pace"),
+        ({"command": "pace", "pace": "fast"}, "pace"),
+        ({"command": "status", "verbose": True}, "verbose"),
+    ],
+)
+def test_command_that_is_none_is_refused_and_changes_nothing(clock, words, culprit):
+    bench, client = clock
+    assert command(bench, client, **words).startswith(f"Command: {culprit}")
+    assert messages(client) == []
+    assert (bench.server.pace.paused, bench.server.pace.unlimited) == (False, True)
+
+
+def test_other_message_of_who_controls_the_clock_is_refused(clock):
+    bench, client = clock
+    client.send(protocol.SEND, protocol.encode_frames([(0, 0x100, b"")]))
+    assert bench.answer(client)[0] == protocol.REFUSED
+    assert messages(client) == []
+
+
+def test_who_controls_the_clock_is_told_whom_the_bus_waits_for(bench, monkeypatch):
+    """While the bus waits, it answers: before the start of those who are missing, later of the one that is silent."""
+    monkeypatch.setattr(participants_module, "WAIT_S", 0.02)
+    bench, answers = bench(("slow",)), []
+    client = bench.connect()
+    client.send(protocol.HELLO, protocol.encode_json({"name": "clock", "role": "control"}))
+    assert command(bench, client, command="status")["missing"] == ["slow"]
+    bench.introduce("slow", True)
+
+    def ask(name, waited_s):
+        if waited_s > 0.05:
+            answers.append(protocol.decode_json(client.receive()[1]))
+            raise NodeError(f"{name} hangs")
+
+    bench.server.timed["slow"]._on_wait = lambda name, waited_s: (
+        bench.server._wait(name, waited_s),
+        ask(name, waited_s),
+    )
+    client.send(protocol.CONTROL, protocol.encode_json({"command": "status"}))
+    monkeypatch.setattr(bench.server, "_on_wait", lambda _name, _waited_s: None)
+    with pytest.raises(NodeError, match="slow hangs"):
+        bench.start()
+    assert answers[0]["waiting_for"]["name"] == "slow"
+    assert answers[0]["waiting_for"]["seconds"] >= 0.02
+    assert answers[0]["missing"] == []
