@@ -122,6 +122,8 @@ class Port:
 
     def _frame_due(self, _: None) -> None:
         agenda = self.agenda
+        if not self.inbox:  # it has left meanwhile
+            return
         if self.busy_until_ns > agenda.now_ns:
             end_ns = next(arrival[0] for arrival, wakes in self.inbox if wakes)
             agenda.at(self.busy_until_ns, WAKE, self.order, self._frame_due, None, end_ns)

@@ -853,6 +853,22 @@ def test_observer_where_clients_are_expected_listens_only_until_it_sends(bench):
     assert sorted(sender for *_, sender in bench.log) == ["a", "eye"]
 
 
+# -- clients that leave --
+
+
+def test_frame_that_waits_for_one_who_leaves_is_nobodys(bench):
+    """Frames 2 and 3 end while a computes; it leaves at 2, computing for a while more."""
+    bench = bench(("a", "b"), inline=[Chatter(3)])
+    answers = [(protocol.YIELD, (1_000_000, None, [])), (protocol.LEAVE, (500_000, None, []))]
+    bench.introduce("a", True, *answers, wakes_on=[0x100])
+    bench.introduce("b", True, (protocol.YIELD, (0, 5_000_000, [])), (protocol.YIELD, (0, None, [])))
+    bench.start()
+    bench.server.run(END_NS)
+    assert [sender for *_, sender in bench.log] == ["chatter"] * 3
+    assert bench.server.timed["a"].left
+    assert not bench.server.timed["b"].left
+
+
 def test_client_that_dies_is_removed_and_counted_where_the_others_go_on(bench):
     bench = bench(("ping", "pong", "a"), go_on=True)
     bench.spawn("ping", "SIGKILL")
