@@ -59,7 +59,7 @@ class Kernel:
 
     def _let_go(self, port: Port) -> None:
         others = any(each.controller.acknowledges for each in self.medium.ports if each is not port)
-        if port.controller.queued and others:
+        if (port.controller.queued and others) or port.speaks_until_ns > self.agenda.now_ns:
             self.agenda.at(self.agenda.now_ns + LINGER_NS, ARBITRATE, port.order, self._let_go, port)
             return
         self.medium.flush(port, cause.LEFT)

@@ -50,7 +50,10 @@ class Participant(Protocol):
 
 
 class Port:
-    """A participant and its controller on a medium. echo: its own frames come back to it."""
+    """A participant and its controller on a medium.
+
+    echo: its own frames come back to it. speaks_until_ns: when the last frame that it asked for enters its queue.
+    """
 
     __slots__ = (
         "agenda",
@@ -63,6 +66,7 @@ class Port:
         "medium",
         "order",
         "participant",
+        "speaks_until_ns",
         "timer_ns",
     )
 
@@ -74,7 +78,7 @@ class Port:
         self.hears = NO_ERRORS
         self.timer_ns: int | None = None
         self.alarm_ns: int | None = None
-        self.busy_until_ns = LONG_AGO_NS
+        self.busy_until_ns = self.speaks_until_ns = LONG_AGO_NS
         self.inbox: deque[tuple[Arrival, bool]] = deque()
         self.agenda: Agenda
         self.medium: Medium
@@ -193,6 +197,8 @@ class Port:
             if delay_ns < 0 or identifier > STANDARD_MASK or identifier < 0 or len(data) > LONGEST_CLASSIC:
                 self._check_send(delay_ns, identifier, data)
             queued_ns = agenda.now_ns + (0 if medium.functional else delay_ns)
+            if queued_ns > self.speaks_until_ns:
+                self.speaks_until_ns = queued_ns
             agenda.at(queued_ns, QUEUE, self.order, self.queue, (identifier, data))
         if timer_ns != self.timer_ns:
             self._set_timer(timer_ns)

@@ -869,6 +869,17 @@ def test_frame_that_waits_for_one_who_leaves_is_nobodys(bench):
     assert not bench.server.timed["b"].left
 
 
+@pytest.mark.parametrize("delay_ns", [0, 1, 10_000_000])
+def test_last_words_may_take_a_while(bench, delay_ns):
+    bench = bench(("a", "b"))
+    bench.introduce("a", True, (protocol.LEAVE, (0, None, [(delay_ns, 0x100, b"bye")])))
+    bench.introduce("b", True, (protocol.YIELD, (0, None, [])))
+    bench.start()
+    bench.server.run(END_NS)
+    assert [(identifier, data, sender) for _, identifier, data, sender in bench.log] == [(0x100, b"bye", "a")]
+    assert "a" not in bench.server.status()["nodes"]
+
+
 def test_client_that_dies_is_removed_and_counted_where_the_others_go_on(bench):
     bench = bench(("ping", "pong", "a"), go_on=True)
     bench.spawn("ping", "SIGKILL")
