@@ -120,7 +120,7 @@ class Server:
             self._advance(until_ns)
             self.poll(self._patience_s(until_ns))
         self._running = False
-        while self.deserted and not agenda.stopped and agenda.next_ns is not None and agenda.next_ns <= until_ns:
+        while self._lingers and not agenda.stopped and agenda.next_ns is not None and agenda.next_ns <= until_ns:
             agenda.run(agenda.next_ns)
 
     def _advance(self, until_ns: int) -> None:
@@ -148,6 +148,11 @@ class Server:
     def deserted(self) -> bool:
         """Every timed client that was there has left."""
         return bool(self.timed) and all(client.left for client in self.timed.values())
+
+    @property
+    def _lingers(self) -> bool:
+        """All timed clients have left, but not all have sent their last words."""
+        return self.deserted and any(client.port in self.kernel_of(client).ports for client in self.timed.values())
 
     def end(self, reason: str, keep_observers: bool = False) -> list[tuple[str, Observer]]:
         """Tell everybody that the session is over, observers after all their frames; return those that are kept."""

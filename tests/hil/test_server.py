@@ -880,6 +880,25 @@ def test_last_words_may_take_a_while(bench, delay_ns):
     assert "a" not in bench.server.status()["nodes"]
 
 
+@pytest.mark.parametrize("trouble", ["a task without end", "a frame that nobody acknowledges"])
+def test_what_goes_on_without_end_keeps_no_session_from_ending(bench, trouble):
+    bench = bench(("a",))
+    bench.inline[0].controller.listen_only = trouble == "a frame that nobody acknowledges"
+    drummer, _, _ = bench.introduce("drummer")
+    bench.introduce("a", True, (protocol.YIELD, (0, 5_000_000, [])), (protocol.LEAVE, (0, None, [(0, 0x100, b"bye")])))
+    bench.start()
+    if trouble == "a task without end":
+        task = {"task": 1, "frames": [{"identifier": 0x123, "data": ""}], "period_ns": 1_000_000}
+        drummer.stream.sendall(configure(periodic=task))
+    else:
+        drummer.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")] * 10))
+    bench.server.poll(0.1)
+    bench.server.run(protocol.FAR_NS)
+    assert bench.server.deserted
+    assert [data for _, identifier, data, _ in bench.log if identifier == 0x100] == [b"bye"]
+    assert bench.kernel.now_ns < END_NS
+
+
 def test_client_that_dies_is_removed_and_counted_where_the_others_go_on(bench):
     bench = bench(("ping", "pong", "a"), go_on=True)
     bench.spawn("ping", "SIGKILL")
