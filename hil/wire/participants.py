@@ -47,6 +47,7 @@ class Client:
         self.connection = connection
         self.wakes_on: Container[int] = NOTHING
         self.heard = self.changes = 0
+        self.listen_only = hello.listen_only
         self.tasks: dict[int, PeriodicTask] = {}
         self.port = self._make_port()
         self.port.echo = hello.own
@@ -84,18 +85,20 @@ class Client:
             tec, rec = min(confinement.tec, 0xFFFF), min(confinement.rec, 0xFFFF)
             self.page.write(Status(self.heard, self.changes, controller.queued, confinement.state, tec, rec))
 
-    def configure(self, body: bytes) -> None:
+    def configure(self, body: bytes) -> Change:
         """Change its controller as it asks; ProtocolError for what is no change."""
         change = check(Change, body)
         self.changes += 1
         if change.set_filters:
             self.set_filters(acceptance(change.filters, self.hello.fd))
         if change.listen_only is not None:
+            self.listen_only = change.listen_only
             self.port.medium.listen_only(self.port, change.listen_only)
         if change.flush:
             self.port.medium.flush(self.port)
         self._change_tasks(change)
         self.port.medium.assess()
+        return change
 
     def _change_tasks(self, change: Change) -> None:
         fd = self.port.medium.rates.fd

@@ -342,17 +342,25 @@ class Server:
                 raise ProtocolError(f"more than {EARLY_MESSAGES} messages before time begins")
             observer.early.append((kind, body))
             return
-        self.deterministic = False
-        if kind == protocol.CONFIGURE:
-            observer.configure(body)
-        else:
+        if kind == protocol.SEND:
             self._queue(observer, protocol.decode_frames(body))
+            return
+        change = observer.configure(body)
+        if change.listen_only is not None:
+            self.deterministic = False
+        if change.periodic is not None:
+            self._let_speak(observer)
+
+    def _let_speak(self, observer: Observer) -> None:
+        """Let an observer take part that listens only because it had nothing to say."""
+        self.deterministic = False
+        if observer.port.controller.listen_only and not observer.listen_only:
+            observer.port.medium.listen_only(observer.port, False)
 
     def _queue(self, observer: Observer, frames: list[Arrival]) -> None:
         """Queue its frames now."""
-        kernel, medium = self.kernel_of(observer), observer.port.medium
-        if frames and not observer.hello.listen_only and observer.port.controller.listen_only:
-            medium.listen_only(observer.port, False)
+        kernel = self.kernel_of(observer)
+        self._let_speak(observer)
         for _, identifier, data in frames:
             reason = refusal(identifier, len(data), kernel.rates.fd)
             if reason:

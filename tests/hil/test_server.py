@@ -779,6 +779,49 @@ def configure(**change):
 FILTERS = {"set_filters": True, "filters": [{"can_id": 0x100, "can_mask": 0x7FF}]}
 
 
+@pytest.mark.parametrize("when", ["before the start", "later"])
+def test_observer_sees_what_its_filters_let_pass_and_leaves_the_run_deterministic(bench, when):
+    bench = bench(("ping", "pong"))
+    eye, _, _ = bench.introduce("eye")
+    if when == "before the start":
+        eye.stream.sendall(configure(**FILTERS))
+        bench.server.poll(0.1)
+    bench.spawn("ping")
+    bench.spawn("pong")
+    bench.gather()
+    if when == "later":
+        bench.start()
+        eye.stream.sendall(configure(**FILTERS))
+        bench.server.poll(0.1)
+        bench.server.run(END_NS)
+        bench.server.end("the run is over")
+    else:
+        bench.play()
+    assert bench.log == inline_log()
+    expected = [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log if identifier == 0x100]
+    assert frames_in(messages(eye)) == expected
+    assert bench.server.deterministic
+
+
+@pytest.mark.parametrize("when", ["before the start", "later"])
+def test_task_of_an_observer_is_carried_out_in_virtual_time(bench, when):
+    bench = bench(("a",))
+    frames = [{"identifier": 0x123, "data": "01"}]
+    task = configure(periodic={"task": 1, "frames": frames, "period_ns": 1_000_000, "duration_ns": 3_500_000})
+    drummer, _, _ = bench.introduce("drummer")
+    bench.introduce("a", True, (protocol.YIELD, (0, None, [])))
+    if when == "later":
+        bench.start()
+    drummer.stream.sendall(task)
+    bench.server.poll(0.1)
+    if when == "before the start":
+        bench.start()
+    bench.server.run(10_000_000)
+    first_ns = bench.log[0][0]
+    assert [frame[1:] for frame in bench.log] == [(0x123, b"\x01", "drummer")] * 4
+    assert [end_ns - first_ns for end_ns, *_ in bench.log] == [0, 1_000_000, 2_000_000, 3_000_000]
+
+
 def test_frames_that_an_observer_flushes_before_the_start_are_not_sent(bench):
     bench = bench(("a",))
     speaker, _, _ = bench.introduce("speaker")
