@@ -255,6 +255,7 @@ class Server:
             self.kernel_of(observer).adopt(observer.port)
         self.observers.append(observer)
         self._selector.register(observer.connection, selectors.EVENT_READ, lambda: self._hear(observer))
+        self._hear(observer, fill=False)  # what came together with HELLO
 
     def _dismiss(self, observer: Observer) -> None:
         self._selector.unregister(observer.connection)
@@ -308,10 +309,11 @@ class Server:
 
     # -- observers --
 
-    def _hear(self, observer: Observer) -> None:
-        """Take what an observer sends; one that sends nonsense is shown out."""
+    def _hear(self, observer: Observer, fill: bool = True) -> None:
+        """Take what an observer sends (fill: and read its socket before); one that sends nonsense is shown out."""
         try:
-            observer.connection.fill()
+            if fill:
+                observer.connection.fill()
             while (message := observer.connection.next_message()) is not None:
                 self._take(observer, *message)
         except BlockingIOError:

@@ -878,6 +878,17 @@ def test_observer_that_says_too_much_before_the_start_is_shown_out(bench):
     assert messages(fool) == []
 
 
+def test_what_an_observer_says_together_with_hello_is_heard(bench):
+    bench = bench()
+    client = bench.connect()
+    hello = protocol.message(protocol.HELLO, protocol.encode_json({"name": "speaker", "role": "observer"}))
+    client.stream.sendall(hello + protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")])))
+    assert bench.answer(client)[0] == protocol.WELCOME
+    bench.start()
+    bench.server.run(END_NS)
+    assert [(identifier, sender) for _, identifier, _, sender in bench.log] == [(0x123, "speaker")]
+
+
 def test_observer_where_clients_are_expected_listens_only_until_it_sends(bench):
     """a and the observer are alone (the third of the bench's own listens only): whether a is heard is up to it."""
     bench = bench(("a",))
