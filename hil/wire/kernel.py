@@ -52,6 +52,8 @@ class Kernel:
     def retire(self, port: Port) -> None:
         """Let a participant go as soon as what it had to send is sent; where nobody is left to hear it, it is lost."""
         self.rejoin(port)
+        if port.controller.leaving:
+            return
         port.timer_ns = None
         port.controller.leaving = True
         self.medium.assess()

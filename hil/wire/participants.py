@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Container, Sequence
 from contextlib import suppress
 
+from hil.errors import NodeError
 from hil.node import SILENT, Reaction
 from hil.wire import protocol, status_page
 from hil.wire.acceptance import NOTHING, Acceptance
@@ -132,6 +133,18 @@ class Client:
             self.page = None
 
 
+class _Seat(Port):
+    """The port of a timed client: one whose answer cannot be carried out has died, as one that breaks the protocol."""
+
+    participant: "TimedClient"
+
+    def _react(self, reaction: Reaction, earliest_ns: int) -> None:
+        try:
+            super()._react(reaction, earliest_ns)
+        except NodeError as error:
+            self.participant.expel(str(error))
+
+
 class TimedClient(Client):
     """A timed client as the bus's participant."""
 
@@ -153,7 +166,7 @@ class TimedClient(Client):
         connection.stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
 
     def _make_port(self) -> Port:
-        return Port(self)
+        return _Seat(self)
 
     def set_filters(self, acceptance: Acceptance) -> None:
         """Be woken by these frames from now on."""
@@ -188,6 +201,10 @@ class TimedClient(Client):
         except ProtocolError as error:
             return self._end(SILENT, f"{self.name} does not keep to the protocol: {error}")
         return self._end((reaction[0], None, reaction[2]), None)
+
+    def expel(self, reason: str) -> None:
+        """Let it go in the middle of its answer."""
+        self._end(SILENT, reason)
 
     def _end(self, last: Reaction, reason: str | None) -> Reaction:
         """Have its last words carried out, then let it go."""

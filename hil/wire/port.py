@@ -98,9 +98,7 @@ class Port:
     def begin(self) -> None:
         """Tell it that its time begins now."""
         self.agenda.acting = self.name
-        reaction = self.participant.start(self.agenda.now_ns)
-        self._check_timer(reaction[1], self.agenda.now_ns)
-        self._react(reaction)
+        self._react(self.participant.start(self.agenda.now_ns), self.agenda.now_ns)
 
     def take(self, arrival: Arrival, how: int) -> None:
         """Take a frame, or lose it where there is no room for it."""
@@ -170,14 +168,11 @@ class Port:
     def _wake(self, stored: list[Arrival], cause: Arrival | None) -> None:
         agenda = self.agenda
         agenda.acting = self.participant.name
-        reaction = self.participant.wake(agenda.now_ns, stored, cause)
-        if reaction[1] is not None:
-            self._check_timer(reaction[1], agenda.now_ns + 1)
-        self._react(reaction)
+        self._react(self.participant.wake(agenda.now_ns, stored, cause), agenda.now_ns + 1)
 
-    def _check_timer(self, timer_ns: int | None, earliest_ns: int) -> None:
+    def _check_timer(self, timer_ns: int) -> None:
         """Refuse a timer that would never move time on; one that fell due while the node computed may be kept."""
-        if timer_ns is not None and timer_ns < earliest_ns and timer_ns != self.timer_ns:
+        if timer_ns != self.timer_ns:
             raise NodeError(
                 f"{self.name}: timer asked for at {timer_ns} ns, but it is already {self.agenda.now_ns} ns: "
                 "ask for a later instant"
@@ -185,8 +180,11 @@ class Port:
 
     # -- its answer --
 
-    def _react(self, reaction: Reaction) -> None:
+    def _react(self, reaction: Reaction, earliest_ns: int) -> None:
+        """Carry out its answer; raise NodeError for what cannot be. earliest_ns: for its timer."""
         busy_ns, timer_ns, sends = reaction
+        if timer_ns is not None and timer_ns < earliest_ns:
+            self._check_timer(timer_ns)
         agenda, medium = self.agenda, self.medium
         if busy_ns:
             if busy_ns < 0:

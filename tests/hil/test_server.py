@@ -24,7 +24,7 @@ from hil.wire import server as server_module
 from hil.wire.agenda import Agenda
 from hil.wire.bits import frame_bits
 from hil.wire.channel import Listener
-from hil.wire.identifier import EXTENDED
+from hil.wire.identifier import EXTENDED, FD
 from hil.wire.kernel import Kernel
 from hil.wire.protocol import Closed, Connection
 from hil.wire.server import Bus, Server
@@ -573,6 +573,8 @@ BREACHES = {
     "timer in the past": protocol.message(protocol.YIELD, protocol.encode_yield((0, -1, []))),
     "nine bytes": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(0, 0x100, bytes(9))]))),
     "a frame in the past": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(-1, 0x100, b"")]))),
+    "last words in the past": protocol.message(protocol.LEAVE, protocol.encode_yield((0, None, [(-1, 0x100, b"")]))),
+    "CAN FD on a classic bus": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(0, 1 | FD, b"")]))),
     "identifier of 12 bits": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(0, 0x800, b"")]))),
 }
 
@@ -693,6 +695,7 @@ NONSENSE = {
     "nine bytes": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x100, bytes(9))])),
     "255 bytes": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x100, bytes(255))])),
     "identifier of 12 bits": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0xFFF, b"")])),
+    "CAN FD on a classic bus": protocol.message(protocol.SEND, protocol.encode_frames([(0, 1 | FD, b"")])),
     "error flag of linux/can.h": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x20000001, b"")])),
 }
 
@@ -968,6 +971,18 @@ def test_client_that_dies_is_removed_and_counted_where_the_others_go_on(bench):
     mine = [frame for frame in bench.log if frame[3] != "a"]
     assert len(mine) > 9
     bench.server.end("")
+
+
+@pytest.mark.parametrize("breach", BREACHES)
+def test_client_that_breaks_the_protocol_is_removed_where_the_others_go_on(bench, breach):
+    bench = bench(("a", "b"), go_on=True, inline=[Chatter(20)])
+    client, _, _ = bench.introduce("a", True, (protocol.YIELD, (0, 1_000_000, [])))
+    client.stream.sendall(BREACHES[breach])
+    bench.introduce("b", True, (protocol.YIELD, (0, None, [])))
+    bench.start()
+    bench.server.run(END_NS)
+    assert [reason.partition(" ")[0].rstrip(":") for reason in bench.server.died] == ["a"]
+    assert len(bench.log) == 20
 
 
 # -- several channels --
