@@ -52,6 +52,8 @@ class Kernel:
     def retire(self, port: Port) -> None:
         """Let a participant go as soon as what it had to send is sent; where nobody is left to hear it, it is lost."""
         self.rejoin(port)
+        if port.controller.leaving:
+            return
         port.timer_ns = None
         port.controller.leaving = True
         self.medium.assess()
@@ -59,7 +61,7 @@ class Kernel:
 
     def _let_go(self, port: Port) -> None:
         others = any(each.controller.acknowledges for each in self.medium.ports if each is not port)
-        if port.controller.queued and others:
+        if (port.controller.queued and others) or port.delayed:
             self.agenda.at(self.agenda.now_ns + LINGER_NS, ARBITRATE, port.order, self._let_go, port)
             return
         self.medium.flush(port, cause.LEFT)

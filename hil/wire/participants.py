@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Container, Sequence
 from contextlib import suppress
 
+from hil.errors import NodeError
 from hil.node import SILENT, Reaction
 from hil.wire import protocol, status_page
 from hil.wire.acceptance import NOTHING, Acceptance
@@ -47,6 +48,7 @@ class Client:
         self.connection = connection
         self.wakes_on: Container[int] = NOTHING
         self.heard = self.changes = 0
+        self.listen_only = hello.listen_only
         self.tasks: dict[int, PeriodicTask] = {}
         self.port = self._new_port()
         self.page: StatusPage | None = None
@@ -89,18 +91,20 @@ class Client:
             tec, rec = min(confinement.tec, 0xFFFF), min(confinement.rec, 0xFFFF)
             self.page.write(Status(self.heard, self.changes, controller.queued, confinement.state, tec, rec))
 
-    def configure(self, body: bytes) -> None:
+    def configure(self, body: bytes) -> Change:
         """Change its controller as it asks; ProtocolError for what is no change."""
         change = check(Change, body)
         self.changes += 1
         if change.set_filters:
             self.set_filters(acceptance(change.filters, self.hello.fd))
         if change.listen_only is not None:
+            self.listen_only = change.listen_only
             self.port.medium.listen_only(self.port, change.listen_only)
         if change.flush:
             self.port.medium.flush(self.port)
         self._change_tasks(change)
         self.port.medium.assess()
+        return change
 
     def _change_tasks(self, change: Change) -> None:
         fd = self.port.medium.rates.fd
@@ -134,6 +138,18 @@ class Client:
             self.page = None
 
 
+class _Seat(Port):
+    """The port of a timed client: one whose answer cannot be carried out has died, as one that breaks the protocol."""
+
+    participant: "TimedClient"
+
+    def _react(self, reaction: Reaction, earliest_ns: int) -> None:
+        try:
+            super()._react(reaction, earliest_ns)
+        except NodeError as error:
+            self.participant.expel(str(error))
+
+
 class TimedClient(Client):
     """A timed client as the bus's participant."""
 
@@ -155,7 +171,7 @@ class TimedClient(Client):
         connection.stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
 
     def _make_port(self) -> Port:
-        return Port(self)
+        return _Seat(self)
 
     def set_filters(self, acceptance: Acceptance) -> None:
         """Be woken by these frames from now on."""
@@ -190,6 +206,10 @@ class TimedClient(Client):
         except ProtocolError as error:
             return self._end(SILENT, f"{self.name} does not keep to the protocol: {error}")
         return self._end((reaction[0], None, reaction[2]), None)
+
+    def expel(self, reason: str) -> None:
+        """Let it go in the middle of its answer."""
+        self._end(SILENT, reason)
 
     def _end(self, last: Reaction, reason: str | None) -> Reaction:
         """Have its last words carried out, then let it go."""

@@ -50,7 +50,10 @@ class Participant(Protocol):
 
 
 class Port:
-    """A participant and its controller on a medium. echo: its own frames come back to it."""
+    """A participant and its controller on a medium.
+
+    echo: its own frames come back to it. delayed: frames that it asked for and that are not yet in the queue.
+    """
 
     __slots__ = (
         "agenda",
@@ -96,9 +99,7 @@ class Port:
     def begin(self) -> None:
         """Tell it that its time begins now."""
         self.agenda.acting = self.name
-        reaction = self.participant.start(self.agenda.now_ns)
-        self._check_timer(reaction[1], self.agenda.now_ns)
-        self._react(reaction)
+        self._react(self.participant.start(self.agenda.now_ns), self.agenda.now_ns)
 
     def take(self, arrival: Arrival, how: int) -> None:
         """Take a frame, or lose it where there is no room for it."""
@@ -124,6 +125,8 @@ class Port:
 
     def _frame_due(self, _: None) -> None:
         agenda = self.agenda
+        if not self.inbox:  # it has left meanwhile
+            return
         if self.busy_until_ns > agenda.now_ns:
             end_ns = next(arrival[0] for arrival, wakes in self.inbox if wakes)
             agenda.at(self.busy_until_ns, WAKE, self.order, self._frame_due, None, end_ns)
@@ -166,14 +169,11 @@ class Port:
     def _wake(self, stored: list[Arrival], cause: Arrival | None) -> None:
         agenda = self.agenda
         agenda.acting = self.participant.name
-        reaction = self.participant.wake(agenda.now_ns, stored, cause)
-        if reaction[1] is not None:
-            self._check_timer(reaction[1], agenda.now_ns + 1)
-        self._react(reaction)
+        self._react(self.participant.wake(agenda.now_ns, stored, cause), agenda.now_ns + 1)
 
-    def _check_timer(self, timer_ns: int | None, earliest_ns: int) -> None:
+    def _check_timer(self, timer_ns: int) -> None:
         """Refuse a timer that would never move time on; one that fell due while the node computed may be kept."""
-        if timer_ns is not None and timer_ns < earliest_ns and timer_ns != self.timer_ns:
+        if timer_ns != self.timer_ns:
             raise NodeError(
                 f"{self.name}: timer asked for at {timer_ns} ns, but it is already {self.agenda.now_ns} ns: "
                 "ask for a later instant"
@@ -181,8 +181,11 @@ class Port:
 
     # -- its answer --
 
-    def _react(self, reaction: Reaction) -> None:
+    def _react(self, reaction: Reaction, earliest_ns: int) -> None:
+        """Carry out its answer; raise NodeError for what cannot be. earliest_ns: for its timer."""
         busy_ns, timer_ns, sends = reaction
+        if timer_ns is not None and timer_ns < earliest_ns:
+            self._check_timer(timer_ns)
         agenda, medium = self.agenda, self.medium
         if busy_ns:
             if busy_ns < 0:

@@ -121,7 +121,7 @@ class Server:
             self._advance(until_ns)
             self.poll(self._patience_s(until_ns))
         self._running = False
-        while self.deserted and not agenda.stopped and agenda.next_ns is not None and agenda.next_ns <= until_ns:
+        while self._lingers and not agenda.stopped and agenda.next_ns is not None and agenda.next_ns <= until_ns:
             agenda.run(agenda.next_ns)
 
     def _advance(self, until_ns: int) -> None:
@@ -149,6 +149,11 @@ class Server:
     def deserted(self) -> bool:
         """Every timed client that was there has left."""
         return bool(self.timed) and all(client.left for client in self.timed.values())
+
+    @property
+    def _lingers(self) -> bool:
+        """All timed clients have left, but not all have sent their last words."""
+        return self.deserted and any(client.port in self.kernel_of(client).ports for client in self.timed.values())
 
     def end(self, reason: str, keep_observers: bool = False) -> list[tuple[str, Observer]]:
         """Tell everybody that the session is over, observers after all their frames; return those that are kept."""
@@ -255,6 +260,7 @@ class Server:
             self.kernel_of(observer).adopt(observer.port)
         self.observers.append(observer)
         self._selector.register(observer.connection, selectors.EVENT_READ, lambda: self._hear(observer))
+        self._hear(observer, fill=False)  # what came together with HELLO
 
     def _dismiss(self, observer: Observer) -> None:
         self._selector.unregister(observer.connection)
@@ -308,10 +314,11 @@ class Server:
 
     # -- observers --
 
-    def _hear(self, observer: Observer) -> None:
-        """Take what an observer sends; one that sends nonsense is shown out."""
+    def _hear(self, observer: Observer, fill: bool = True) -> None:
+        """Take what an observer sends (fill: and read its socket before); one that sends nonsense is shown out."""
         try:
-            observer.connection.fill()
+            if fill:
+                observer.connection.fill()
             while (message := observer.connection.next_message()) is not None:
                 self._take(observer, *message)
         except BlockingIOError:
@@ -342,17 +349,25 @@ class Server:
                 raise ProtocolError(f"more than {EARLY_MESSAGES} messages before time begins")
             observer.early.append((kind, body))
             return
-        self.deterministic = False
-        if kind == protocol.CONFIGURE:
-            observer.configure(body)
-        else:
+        if kind == protocol.SEND:
             self._queue(observer, protocol.decode_frames(body))
+            return
+        change = observer.configure(body)
+        if change.listen_only is not None:
+            self.deterministic = False
+        if change.periodic is not None:
+            self._let_speak(observer)
+
+    def _let_speak(self, observer: Observer) -> None:
+        """Let an observer take part that listens only because it had nothing to say."""
+        self.deterministic = False
+        if observer.port.controller.listen_only and not observer.listen_only:
+            observer.port.medium.listen_only(observer.port, False)
 
     def _queue(self, observer: Observer, frames: list[Arrival]) -> None:
         """Queue its frames now."""
-        kernel, medium = self.kernel_of(observer), observer.port.medium
-        if frames and not observer.hello.listen_only and observer.port.controller.listen_only:
-            medium.listen_only(observer.port, False)
+        kernel = self.kernel_of(observer)
+        self._let_speak(observer)
         for _, identifier, data in frames:
             reason = refusal(identifier, len(data), kernel.rates.fd)
             if reason:

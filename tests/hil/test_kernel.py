@@ -13,6 +13,8 @@ from hil.wire.identifier import EXTENDED, REMOTE
 from hil.wire.kernel import Kernel
 
 END_NS = 4000
+DEPTH = 10
+"""Frames that a transmit queue holds, the one on the wire counted."""
 
 # -- a node that answers by script, and tells what it was handed --
 
@@ -78,6 +80,13 @@ def nodes_of(scripts):
     return [ScriptedNode(chr(ord("a") + n), script, journal) for n, script in enumerate(scripts)], journal
 
 
+def join_all(kernel, nodes):
+    """Join the nodes, and behind them a silent one that acknowledges; return the ports of the nodes."""
+    ports = [kernel.join(Direct(node)) for node in nodes]
+    kernel.join(Direct(ScriptedNode("silent", Script(), [])))
+    return ports
+
+
 # -- the naive bus --
 
 
@@ -109,15 +118,16 @@ def length_bits(identifier, data):
 class NaiveBus:
     """One nanosecond after the other: end a frame, wake who is due, queue, arbitrate. Ties by node order."""
 
-    def __init__(self, nodes, bit_ns, functional=False, start_ns=0):
-        self.nodes, self.functional = nodes, functional
+    def __init__(self, nodes, bit_ns, functional=False, start_ns=0, depth=DEPTH):
+        self.nodes, self.functional, self.depth = nodes, functional, depth
         self.bit_ns = 0 if functional else bit_ns
         self.now_ns = start_ns
         self.log, self.bits_on_wire = [], 0
         self.on_wire = None  # (end, node, identifier, data)
         self.free_ns = start_ns
-        self.timer, self.busy_ns, self.inbox, self.coming, self.queue = (
+        self.timer, self.refused, self.busy_ns, self.inbox, self.coming, self.queue = (
             dict.fromkeys(nodes),
+            dict.fromkeys(nodes, 0),
             dict.fromkeys(nodes, start_ns),
             {node: [] for node in nodes},
             {node: [] for node in nodes},
@@ -186,7 +196,11 @@ class NaiveBus:
             due = [entry for entry in self.coming[node] if entry[0] == self.now_ns]
             for entry in due:
                 self.coming[node].remove(entry)
-                self.queue[node].append(entry)
+                sending = self.on_wire is not None and self.on_wire[1] is node
+                if len(self.queue[node]) + sending < self.depth:
+                    self.queue[node].append(entry)
+                else:
+                    self.refused[node] += 1
 
     def arbitrate(self):
         if self.on_wire is not None or self.now_ns < self.free_ns:
@@ -236,41 +250,43 @@ scripts = st.lists(
     min_size=1,
     max_size=4,
 )
+depths = st.sampled_from([1, 2, 3, DEPTH])
 
 
-def play(scripts, bit_ns, functional, cuts=(), start_ns=0):
-    """Run the kernel, in as many parts as there are cuts; return (frames, journal, bits on the wire)."""
+def play(scripts, bit_ns, functional, cuts=(), start_ns=0, depth=DEPTH):
+    """Run the kernel, in as many parts as there are cuts; return (frames, journal, bits on the wire, refused)."""
     nodes, journal = nodes_of(scripts)
     kernel = Kernel(bit_ns, functional, start_ns)
     log = []
     kernel.watchers.append(lambda *frame: log.append(frame))
-    for node in nodes:
-        kernel.join(Direct(node))
+    ports = join_all(kernel, nodes)
+    for port in ports:
+        port.controller.depth = depth
     kernel.start()
     for until_ns in (*sorted(cuts), start_ns + END_NS):
         kernel.run(until_ns)
-    return log, journal, kernel.bits_on_wire
+    return log, journal, kernel.bits_on_wire, [port.controller.lost["transmit queue full"] for port in ports]
 
 
-def play_naively(scripts, bit_ns, functional, start_ns=0):
+def play_naively(scripts, bit_ns, functional, start_ns=0, depth=DEPTH):
     nodes, journal = nodes_of(scripts)
-    bus = NaiveBus(nodes, bit_ns, functional, start_ns)
+    bus = NaiveBus(nodes, bit_ns, functional, start_ns, depth)
     bus.run(start_ns + END_NS)
-    return bus.log, journal, bus.bits_on_wire
+    return bus.log, journal, bus.bits_on_wire, [bus.refused[node] for node in nodes]
 
 
 @settings(max_examples=200, deadline=None)
-@given(scripts, st.integers(1, 3), st.sampled_from([0, -1000, 77]))
-def test_bus_in_bits_equals_the_naive_bus(scripts, bit_ns, start_ns):
-    expected = play_naively(scripts, bit_ns, False, start_ns)
-    assert play(scripts, bit_ns, False, (), start_ns) == expected
+@given(scripts, st.integers(1, 3), st.sampled_from([0, -1000, 77]), depths)
+def test_bus_in_bits_equals_the_naive_bus(scripts, bit_ns, start_ns, depth):
+    expected = play_naively(scripts, bit_ns, False, start_ns, depth)
+    assert play(scripts, bit_ns, False, (), start_ns, depth) == expected
 
 
 @settings(max_examples=100, deadline=None)
-@given(scripts)
-def test_functional_bus_equals_the_naive_bus(scripts):
-    expected = play_naively(scripts, 1, True)
-    assert play(scripts, 1, True) == expected
+@given(scripts, depths)
+def test_functional_bus_equals_the_naive_bus(scripts, depth):
+    expected = play_naively(scripts, 1, True, depth=depth)
+    assert play(scripts, 1, True, depth=depth) == expected
 
 
 @settings(max_examples=50, deadline=None)
@@ -312,8 +328,7 @@ def play_until(scripts, functional, until_ns):
     kernel = Kernel(BIT_NS, functional)
     log = []
     kernel.watchers.append(lambda *frame: log.append(frame))
-    for node in nodes:
-        kernel.join(Direct(node))
+    join_all(kernel, nodes)
     kernel.start()
     kernel.run(until_ns)
     return log, journal, kernel
@@ -621,3 +636,139 @@ def test_nothing_happens_behind_a_stop():
     assert [identifier for _, identifier, _, _ in log] == [SYNC]
     assert [entry for entry in journal if entry[2] == "frame"] == []
     assert kernel.now_ns == end_of(0, SYNC)
+
+
+class TestTransmitQueue:
+    """A controller holds ten frames, the one on the wire among them; what finds no room is refused and counted."""
+
+    def test_ten_frames_find_room_the_eleventh_does_not(self):
+        frames = [send(SYNC, bytes([number])) for number in range(12)]
+        log, _, kernel = play_until([sender(*frames)], False, 10_000_000)
+        assert [data for _, _, data, _ in log] == [data for _, _, data in frames[:10]]
+        assert kernel.ports[0].controller.lost == {"transmit queue full": 2}
+
+    @pytest.mark.parametrize(("after_ns", "sent"), [(-1, 10), (0, 11), (1, 11)])
+    def test_there_is_room_again_when_a_frame_has_ended(self, after_ns, sent):
+        frames = [send(SYNC)] * 10
+        first_end = end_of(0, SYNC)
+        node = Script((Step(timer=first_end + after_ns, sends=tuple(frames)), Step(sends=(send(ENCODER),))))
+        log, _, _ = play_until([node], False, 10_000_000)
+        assert len(log) == sent
+
+    def test_urgent_frame_is_refused_like_any_other(self):
+        bus, _ = transcript(sender(*[send(0x7FF)] * 10, send(0x000)))
+        assert [identifier for _, identifier, _ in bus] == [0x7FF] * 10
+
+    def test_room_goes_to_the_frame_that_was_asked_for_first(self):
+        """Both enter the queue at 50 us: one asked for at the start, the other by the timer that falls due then."""
+        steps = (Step(timer=50_000, sends=(send(SYNC, b"\x01", 50_000),)), Step(sends=(send(SYNC, b"\x02"),)))
+        kernel, log = Kernel(BIT_NS), []
+        kernel.watchers.append(lambda *frame: log.append(frame))
+        nodes, _ = nodes_of([Script(steps)])
+        (port,) = join_all(kernel, nodes)
+        port.controller.depth = 1
+        kernel.start()
+        kernel.run(1_000_000)
+        assert [data for _, _, data, _ in log] == [b"\x01"]
+
+    def test_queue_of_a_neighbour_has_its_own_room(self):
+        bus, _ = transcript(sender(*[send(ENCODER)] * 10), sender(*[send(SYNC)] * 10))
+        assert [name for *_, name in bus] == ["b"] * 10 + ["a"] * 10
+
+    def test_depth_is_the_controllers(self):
+        kernel = Kernel(BIT_NS)
+        log = []
+        kernel.watchers.append(lambda *frame: log.append(frame))
+        nodes, _ = nodes_of([sender(*[send(SYNC)] * 20)])
+        (port,) = join_all(kernel, nodes)
+        port.controller.depth = 17
+        kernel.start()
+        kernel.run(10_000_000)
+        assert (len(log), port.controller.sent, port.controller.lost["transmit queue full"]) == (17, 17, 3)
+
+
+class TestAcknowledgement:
+    """A frame that nobody acknowledges is sent again and again (ISO 11898-1, 10.9.6 and 12.1.4)."""
+
+    # SOF to ACK slot; then, instead of ACK delimiter and EOF, error flag, error delimiter, intermission.
+    ATTEMPT_NS = BIT_NS * (length_bits(SYNC, EMPTY) - 8 + 6 + 8 + 3)
+    SUSPEND_NS = BIT_NS * 8
+
+    def alone(self, script):
+        nodes, _ = nodes_of([script])
+        kernel, log = Kernel(BIT_NS), []
+        kernel.watchers.append(lambda *frame: log.append(frame))
+        port = kernel.join(Direct(nodes[0]))
+        kernel.start()
+        return kernel, port, log
+
+    def test_node_alone_sends_again_and_again_and_becomes_error_passive_never_bus_off(self):
+        kernel, port, log = self.alone(sender(send(SYNC)))
+        error_ns = self.ATTEMPT_NS - BIT_NS * 17
+        controller = port.controller
+        for attempt in range(1, 17):
+            kernel.run(error_ns - 1)
+            assert (controller.confinement.tec, controller.repeated) == (8 * (attempt - 1), attempt - 1)
+            kernel.run(error_ns)
+            assert (controller.confinement.tec, controller.repeated) == (8 * attempt, attempt)
+            error_ns += self.ATTEMPT_NS
+        assert controller.counts()["state"] == "error-passive"
+        for attempt in range(17, 40):
+            error_ns += self.SUSPEND_NS
+            kernel.run(error_ns - 1)
+            assert controller.repeated == attempt - 1
+            kernel.run(error_ns)
+            assert controller.repeated == attempt
+            error_ns += self.ATTEMPT_NS
+        assert controller.counts() == {
+            "sent": 0, "received": 0, "repeated": 39, "lost": {}, "errors": {"ACK": 39}, "tec": 128, "rec": 0,
+            "state": "error-passive",
+        }  # fmt: skip
+        assert log == []
+
+    def test_whoever_joins_in_the_middle_of_an_attempt_acknowledges_the_next(self):
+        kernel, port, log = self.alone(sender(send(SYNC)))
+        kernel.run(self.ATTEMPT_NS + 1)
+        kernel.join(Direct(ScriptedNode("late", Script(), [])))
+        kernel.run(10_000_000)
+        assert log == [(end_of(2 * self.ATTEMPT_NS, SYNC), SYNC, EMPTY, "a")]
+        assert (port.controller.repeated, port.controller.confinement.tec) == (2, 2 * 8 - 1)
+
+    @pytest.mark.parametrize("count", [1, 3])
+    def test_who_listens_only_does_not_acknowledge(self, count):
+        nodes, _ = nodes_of([sender(send(SYNC)), *[Script(wakes_on=(SYNC,))] * count])
+        kernel, log = Kernel(BIT_NS), []
+        kernel.watchers.append(lambda *frame: log.append(frame))
+        ports = [kernel.join(Direct(node)) for node in nodes]
+        for port in ports[1:]:
+            port.controller.listen_only = True
+        kernel.medium.assess()
+        kernel.start()
+        kernel.run(1_000_000)
+        assert log == []
+        assert ports[0].controller.repeated > 1
+        kernel.medium.listen_only(ports[-1], False)
+        kernel.run(2_000_000)
+        assert [frame[1:] for frame in log] == [(SYNC, EMPTY, "a")]
+        assert all(port.controller.received == 1 for port in ports[1:])
+
+    def test_error_passive_node_acknowledges_too(self):
+        nodes, _ = nodes_of([sender(send(SYNC)), Script()])
+        kernel, log = Kernel(BIT_NS), []
+        kernel.watchers.append(lambda *frame: log.append(frame))
+        _, port = [kernel.join(Direct(node)) for node in nodes]
+        port.controller.confinement.rec = 130
+        kernel.medium.assess()
+        kernel.start()
+        kernel.run(1_000_000)
+        assert len(log) == 1
+        assert 119 <= port.controller.confinement.rec <= 127
+
+    def test_functional_bus_needs_no_acknowledgement(self):
+        nodes, _ = nodes_of([sender(send(SYNC))])
+        kernel, log = Kernel(BIT_NS, functional=True), []
+        kernel.watchers.append(lambda *frame: log.append(frame))
+        kernel.join(Direct(nodes[0]))
+        kernel.start()
+        kernel.run(0)
+        assert log == [(0, SYNC, EMPTY, "a")]

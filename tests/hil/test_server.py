@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
@@ -17,13 +18,16 @@ import pytest
 from hil.drive import Direct
 from hil.errors import NodeError
 from hil.wire import channel, protocol
+from hil.wire import door as door_module
 from hil.wire import participants as participants_module
 from hil.wire import server as server_module
+from hil.wire.agenda import Agenda
+from hil.wire.bits import frame_bits
 from hil.wire.channel import Listener
-from hil.wire.identifier import EXTENDED
+from hil.wire.identifier import EXTENDED, FD
 from hil.wire.kernel import Kernel
 from hil.wire.protocol import Closed, Connection
-from hil.wire.server import Server
+from hil.wire.server import Bus, Server
 
 pytestmark = pytest.mark.usefixtures("bounded", "runtime")
 
@@ -128,18 +132,26 @@ class Chatter:
         return {}
 
 
-class Bench:
-    """A server on the channel `arm`, and what surrounds it."""
+class Silent:
+    """A node in the bus's own process that does nothing but acknowledge."""
 
-    def __init__(self, expect=(), functional=False, inline=()):
+    name, wakes_on, stores, finished = "silent", (), (), False
+
+    def on_start(self, _now_ns):
+        return 0, None, []
+
+
+class Bench:
+    """A server on the channel `arm`, and what surrounds it; one node in the bus's own process at least."""
+
+    def __init__(self, expect=(), functional=False, inline=(), **options):
         self.kernel, self.log = watched(functional)
         self.listener = Listener("arm")
         self.waits = []
-        self.server = Server(self.listener, self.kernel, expect, self.on_wait)
+        self.server = Server([Bus(self.listener, self.kernel)], expect, self.on_wait, **options)
         self.processes = {}
         self.clients = []
-        for node in inline:
-            self.kernel.join(Direct(node))
+        self.inline = [self.kernel.join(Direct(node)) for node in (*inline, Silent())]
 
     def on_wait(self, name, _waited_s):
         """Continue whom the bus waits for, in case it is stopped; the signal does nothing to one that runs."""
@@ -155,9 +167,14 @@ class Bench:
         while self.server.missing():
             self.server.poll(0.1)
 
+    def start(self):
+        self.server.start()
+        for port in self.inline:
+            port.begin()
+
     def play(self):
         self.gather()
-        self.server.start()
+        self.start()
         self.server.run(END_NS)
         self.server.end("the run is over")
         return [process.wait() for process in self.processes.values()]
@@ -170,7 +187,7 @@ class Bench:
     def introduce(self, name, timed=False, *answers, **values):
         """Send a HELLO, and behind it the answers of a timed client; return (client, the bus's kind, body)."""
         client = self.connect()
-        hello = {"name": name, "timed": timed, "start_ns": None, "wakes_on": [], "stores": []} | values
+        hello = {"name": name, "role": "timed" if timed else "observer"} | ({"wakes_on": []} if timed else {}) | values
         client.stream.sendall(
             protocol.message(protocol.HELLO, protocol.encode_json(hello))
             + b"".join(protocol.message(kind, protocol.encode_yield(reaction)) for kind, reaction in answers)
@@ -287,7 +304,7 @@ def test_strangers_are_shown_out_and_the_others_go_on(bench):
     bench = bench(("ping", "pong"))
     bench.spawn("ping")
     bench.spawn("pong")
-    whole = protocol.message(protocol.HELLO, protocol.encode_json({"name": "half", "timed": False}))
+    whole = protocol.message(protocol.HELLO, protocol.encode_json({"name": "half", "role": "observer"}))
     said = [b"GET / HTTP/1.1\r\n\r\n", b"\x00" * 5, bytes(range(256)), whole[:1], whole[:-1], b"", whole[:7]]
     strangers = [bench.connect() for _ in said]
     for stranger, words in zip(strangers, said, strict=True):
@@ -298,52 +315,134 @@ def test_strangers_are_shown_out_and_the_others_go_on(bench):
     assert bench.server.deterministic
 
 
+GOOD_HELLO = {
+    "name": "x",
+    "role": "observer",
+    "start_ns": None,
+    "wakes_on": [1],
+    "stores": [],
+    "filters": [{"can_id": 1, "can_mask": 1, "extended": None}],
+    "fd": False,
+    "own": True,
+    "errors": "all",
+    "page": False,
+    "listen_only": False,
+    "bit_ns": BIT_NS,
+    "data_bit_ns": None,
+    "depth": 10,
+    "fifo": True,
+    "one_shot": False,
+    "discards": False,
+}
+
+
 def refused_hellos():
-    good = {"name": "x", "timed": False, "start_ns": None, "wakes_on": [1], "stores": []}
     for key, value in [
         ("name", 1),
         ("name", None),
-        ("timed", "yes"),
-        ("timed", 1),
+        ("name", ""),
+        ("name", "x" * 101),
+        ("role", "yes"),
+        ("role", True),
+        ("role", None),
         ("start_ns", "now"),
         ("start_ns", 1.5),
         ("start_ns", 1 << 63),
+        ("start_ns", -(1 << 63)),
         ("wakes_on", 1),
         ("wakes_on", ["a"]),
         ("wakes_on", [-1]),
-        ("wakes_on", [1 << 32]),
+        ("wakes_on", [1 << 35]),
         ("wakes_on", [[1]]),
         ("stores", None),
         ("stores", [1.0]),
+        ("stores", [True]),
+        ("filters", {}),
+        ("filters", [{"can_id": 1}]),
+        ("filters", [{"can_id": 1, "can_mask": 1 << 32}]),
+        ("filters", [{"can_id": -1, "can_mask": 1}]),
+        ("filters", [{"can_id": 1, "can_mask": 1, "extended": 1}]),
+        ("fd", "true"),
+        ("own", 1),
+        ("errors", "some"),
+        ("page", None),
+        ("bit_ns", 0),
+        ("data_bit_ns", -1),
+        ("depth", 0),
+        ("depth", 4097),
+        ("fifo", "no"),
+        ("timed", True),
     ]:
-        yield pytest.param(protocol.encode_json(good | {key: value}), id=f"{key}={value!r}")
-    for key in good:
-        yield pytest.param(protocol.encode_json({k: v for k, v in good.items() if k != key}), id=f"no {key}")
+        yield pytest.param(protocol.encode_json(GOOD_HELLO | {key: value}), key, id=f"{key}={str(value)[:30]!r}")
+    for key in ("name", "role"):
+        some = {k: v for k, v in GOOD_HELLO.items() if k != key}
+        yield pytest.param(protocol.encode_json(some), key, id=f"no {key}")
+    for key in ("wakes_on", "stores"):
+        yield pytest.param(protocol.encode_json(GOOD_HELLO | {key: [1] * 4097}), key, id=f"{key} without end")
     for body in (b"", b"[]", b"{", b"\xff\xfe", b"null", b"[" * 10_000):
-        yield pytest.param(body, id=repr(body[:10]))
+        yield pytest.param(body, "", id=repr(body[:10]))
 
 
-REFUSED_HELLOS = [param for param in refused_hellos() if param.id not in ("no start_ns", "no wakes_on")]
-
-
-@pytest.mark.parametrize("body", REFUSED_HELLOS)
-def test_hello_that_is_none_is_refused_with_a_reason(bench, body):
+@pytest.mark.parametrize(("body", "culprit"), list(refused_hellos()))
+def test_hello_that_is_none_is_refused_with_a_reason(bench, body, culprit):
     bench = bench()
     client = bench.connect()
     client.send(protocol.HELLO, body)
     kind, reason = bench.answer(client)
     assert kind == protocol.REFUSED
-    assert reason.decode()
+    assert reason.decode().startswith(f"Hello: {culprit}" if culprit else "Hello: ")
     assert messages(client) == []
     assert bench.server.observers == []
 
 
-@pytest.mark.parametrize("kind", [0, *range(protocol.WELCOME, protocol.END + 2), 255])
+@pytest.mark.parametrize("hello", [{"name": "x", "role": "observer"}, GOOD_HELLO], ids=["shortest", "all"])
+@pytest.mark.parametrize("role", ["observer", "timed"])
+def test_hello_with_all_or_with_what_it_must_have_is_welcome(bench, hello, role):
+    bench = bench()
+    client = bench.connect()
+    client.send(protocol.HELLO, protocol.encode_json(hello | {"role": role}))
+    assert bench.answer(client)[0] == protocol.WELCOME
+
+
+@pytest.mark.parametrize("kind", [0, *range(protocol.WELCOME, protocol.STATUS + 2), 255])
 def test_other_message_in_the_place_of_hello_is_refused(bench, kind):
     bench = bench()
     client = bench.connect()
     client.send(kind, b"")
     assert bench.answer(client)[0] == protocol.REFUSED
+
+
+def test_first_message_is_short(bench):
+    bench = bench()
+    client = bench.connect()
+    client.stream.sendall(b"\x01\x00\x04\x00\x01")
+    kind, reason = bench.answer(client)
+    assert (kind, b"262144" in reason) == (protocol.REFUSED, True)
+
+
+def test_who_says_nothing_is_shown_out_after_a_while(bench, monkeypatch):
+    bench = bench()
+    client = bench.connect()
+    client.stream.sendall(b"\x10")
+    bench.server.poll(0.1)
+    assert not readable(client)
+    monkeypatch.setattr(door_module, "PATIENCE_S", -1.0)
+    bench.server.poll(0.1)
+    bench.server._door.attend()
+    assert messages(client)[0][0] == protocol.REFUSED
+
+
+def test_no_more_than_so_many_strangers_at_a_time(bench):
+    bench = bench()
+    crowd = [bench.connect() for _ in range(door_module.STRANGERS)]
+    while len(bench.server._door._since) < len(crowd):
+        bench.server.poll(0.1)
+    late = bench.connect()
+    kind, reason = bench.answer(late)
+    assert (kind, b"64 others wait" in reason) == (protocol.REFUSED, True)
+    crowd[0].close()
+    bench.server.poll(0.1)
+    assert bench.introduce("eye")[1] == protocol.WELCOME
 
 
 def test_observer_may_not_take_the_name_of_a_client_that_time_waits_for(bench):
@@ -374,7 +473,7 @@ def test_timed_client_that_nobody_expects_is_refused_with_those_expected(bench):
 
 def test_welcome_tells_bit_time_and_fidelity(bench):
     _, _, body = bench().introduce("a")
-    assert protocol.decode_json(body) == {"bit_ns": BIT_NS, "fidelity": "bits"}
+    assert protocol.decode_json(body) == {"bit_ns": BIT_NS, "data_bit_ns": None, "fidelity": "bits"}
 
 
 # -- timed clients --
@@ -385,13 +484,13 @@ def test_time_starts_where_the_earliest_says(bench):
     nothing = (protocol.LEAVE, (0, None, []))
     a, _, _ = bench.introduce("a", True, nothing, start_ns=-1000)
     b, _, _ = bench.introduce("b", True, nothing, start_ns=-5000)
-    bench.server.start()
+    bench.start()
     assert a.receive() == b.receive() == (protocol.START, protocol.encode_time(-5000))
 
 
 def test_timed_client_hears_what_it_asked_for_and_nothing_else(bench):
     bench = bench(inline=[Chatter(3)])
-    bench.server.start()
+    bench.start()
     woken, _, _ = bench.introduce(
         "woken", True, *[(protocol.YIELD, (0, None, []))] * 3, (protocol.LEAVE, (0, None, [])), wakes_on=[0x100]
     )
@@ -405,7 +504,7 @@ def test_timed_client_hears_what_it_asked_for_and_nothing_else(bench):
 
 def test_null_wakes_on_every_frame(bench):
     bench = bench(inline=[Chatter(2)])
-    bench.server.start()
+    bench.start()
     client, _, _ = bench.introduce("all", True, *[(protocol.YIELD, (0, None, []))] * 3, wakes_on=None)
     bench.server.run(END_NS)
     bench.server.end("")
@@ -414,7 +513,7 @@ def test_null_wakes_on_every_frame(bench):
 
 def test_frame_is_stored_for_a_client_until_it_wakes(bench):
     bench = bench(inline=[Chatter(2)])
-    bench.server.start()
+    bench.start()
     answers = [(protocol.YIELD, (0, 10_000_000, [])), (protocol.LEAVE, (0, None, []))]
     client, _, _ = bench.introduce("store", True, *answers, stores=[0x100])
     bench.server.run(END_NS)
@@ -429,7 +528,7 @@ def test_run_returns_when_the_last_timed_client_has_left(bench):
     leaving = (protocol.LEAVE, (0, None, [(0, 0x100, b"bye")]))
     bench.introduce("a", True, (protocol.YIELD, (0, 7_000_000, [])), leaving)
     bench.introduce("b", True, (protocol.YIELD, (0, 1_000_000, [])), leaving)
-    bench.server.start()
+    bench.start()
     bench.server.run(1 << 50)
     assert bench.server.deserted
     assert 7_000_000 <= bench.kernel.now_ns < END_NS
@@ -442,7 +541,7 @@ def test_last_words_of_the_last_client_go_on_the_bus_whenever_it_leaves(bench, b
     leaves_ns = server_module.SLICE_NS - before_ns
     leaving = (protocol.LEAVE, (0, None, [(0, 0x100, b"bye")]))
     bench.introduce("a", True, (protocol.YIELD, (0, leaves_ns, [])), leaving)
-    bench.server.start()
+    bench.start()
     bench.server.run(END_NS)
     assert [(identifier, data) for _, identifier, data, _ in bench.log] == [(0x100, b"bye")]
 
@@ -451,13 +550,13 @@ def test_last_words_of_the_last_client_go_on_the_bus_whenever_it_leaves(bench, b
 def test_where_none_is_expected_who_comes_timed_is_waited_for(bench, after_start):
     bench = bench()
     if after_start:
-        bench.server.start()
+        bench.start()
         bench.server.run(3_000_000)
     sending = (protocol.YIELD, (0, None, [(0, 0x100, b"hello")]))
     client, kind, _ = bench.introduce("late", True, sending)
     assert kind == protocol.WELCOME
     if not after_start:
-        bench.server.start()
+        bench.start()
     bench.server.run(END_NS)
     bench.server.end("")
     now_ns = 3_000_000 if after_start else 0
@@ -474,6 +573,8 @@ BREACHES = {
     "timer in the past": protocol.message(protocol.YIELD, protocol.encode_yield((0, -1, []))),
     "nine bytes": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(0, 0x100, bytes(9))]))),
     "a frame in the past": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(-1, 0x100, b"")]))),
+    "last words in the past": protocol.message(protocol.LEAVE, protocol.encode_yield((0, None, [(-1, 0x100, b"")]))),
+    "CAN FD on a classic bus": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(0, 1 | FD, b"")]))),
     "identifier of 12 bits": protocol.message(protocol.YIELD, protocol.encode_yield((0, None, [(0, 0x800, b"")]))),
 }
 
@@ -490,25 +591,45 @@ def test_client_that_breaks_the_protocol_ends_the_run_with_its_name(bench, breac
     client, _, _ = bench.introduce("a", True, *first, start_ns=1_000_000 if when == "at the start" else 0)
     client.stream.sendall(BREACHES[breach])
     with pytest.raises(NodeError, match=r"^a\b"):  # noqa: PT012 (either of the two may find it)
-        bench.server.start()
+        bench.start()
         bench.server.run(END_NS)
 
 
-def test_node_that_stores_for_long_without_waking_is_handed_all(bench):
-    """More frames than a message's counter of 16 bits holds."""
-    count, granted = 66_000, []
-    bench = bench(("store",), functional=True, inline=[Chatter(count, 1)])
+def stored_by(bench, count, depth=None):
+    """What a client with this much room has stored when its timer wakes it behind `count` frames; and its port."""
+    granted = []
     client, _, _ = bench.introduce("store", True, (protocol.YIELD, (0, 1_000_000, [])), stores=[0x100])
     client.stream.sendall(protocol.message(protocol.YIELD, protocol.encode_yield((0, None, []))))
+    port = bench.server.timed["store"].port
+    port.controller.receive_depth = depth or port.controller.receive_depth
     reader = threading.Thread(target=granted.extend, args=(_grants(client),))
     reader.start()
     try:
-        bench.server.start()
+        bench.start()
         bench.server.run(2_000_000)
     finally:
         bench.server.end("")
         reader.join()
-    assert [len(stored) for _, stored, _ in granted] == [count]
+    ((_, stored, _),) = granted
+    assert len(bench.log) == count
+    return stored, port
+
+
+def test_node_that_stores_for_long_without_waking_is_handed_all(bench):
+    """More frames than a message's counter of 16 bits holds."""
+    bench = bench(("store",), functional=True, inline=[Chatter(66_000, 1)])
+    stored, port = stored_by(bench, 66_000, 1 << 20)
+    assert stored == [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log]
+    assert port.controller.lost == {}
+
+
+def test_frames_that_find_no_room_are_lost_and_counted(bench):
+    """The first 64 are kept, as in the receive FIFO of a controller; the bus goes on."""
+    bench = bench(("store",), functional=True, inline=[Chatter(100, 1)])
+    stored, port = stored_by(bench, 100)
+    assert stored == [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log[:64]]
+    assert port.controller.lost == {"receive overrun": 36}
+    assert bench.server.status()["nodes"]["store"]["lost"] == {"receive overrun": 36}
 
 
 def _grants(client):
@@ -538,7 +659,7 @@ def test_what_an_observer_sends_is_queued_and_ends_determinism(bench):
     bench = bench()
     speaker, _, _ = bench.introduce("speaker")
     eye, _, _ = bench.introduce("eye")
-    bench.server.start()
+    bench.start()
     bench.server.run(5_000_000)
     assert bench.server.deterministic
     speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"one"), (99, 5 | EXTENDED, b"")]))
@@ -558,13 +679,13 @@ def test_frame_that_an_observer_sends_before_the_start_goes_at_the_start(bench):
     speaker, _, _ = bench.introduce("speaker")
     bench.introduce("a", True, (protocol.YIELD, (0, 100_000, [])), (protocol.YIELD, (0, None, [])), start_ns=50_000)
     speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
-    while bench.server.deterministic:
-        bench.server.poll(0.1)
-    bench.server.start()
+    bench.server.poll(0.1)
+    bench.start()
     assert bench.kernel.now_ns == 50_000
     bench.server.run(END_NS)
     assert [(identifier, sender) for _, identifier, _, sender in bench.log] == [(0x123, "speaker")]
     assert bench.log[0][0] > 50_000
+    assert not bench.server.deterministic
 
 
 NONSENSE = {
@@ -574,6 +695,7 @@ NONSENSE = {
     "nine bytes": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x100, bytes(9))])),
     "255 bytes": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x100, bytes(255))])),
     "identifier of 12 bits": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0xFFF, b"")])),
+    "CAN FD on a classic bus": protocol.message(protocol.SEND, protocol.encode_frames([(0, 1 | FD, b"")])),
     "error flag of linux/can.h": protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x20000001, b"")])),
 }
 
@@ -583,7 +705,7 @@ def test_observer_that_sends_nonsense_is_shown_out_and_the_others_go_on(bench, w
     bench = bench(inline=[Chatter(20)])
     fool, _, _ = bench.introduce("fool")
     eye, _, _ = bench.introduce("eye")
-    bench.server.start()
+    bench.start()
     fool.stream.sendall(NONSENSE[words])
     bench.server.run(END_NS)
     bench.server.end("")
@@ -595,7 +717,7 @@ def test_observer_that_leaves_or_dies_is_forgotten(bench):
     bench = bench(inline=[Chatter(20)])
     polite, _, _ = bench.introduce("polite")
     rude, _, _ = bench.introduce("rude")
-    bench.server.start()
+    bench.start()
     polite.send(protocol.LEAVE, b"")
     rude.close()
     bench.server.run(END_NS)
@@ -618,7 +740,7 @@ def slow(bench, monkeypatch):
 
 def test_observer_that_never_reads_holds_nobody_and_what_it_misses_is_counted(slow):
     bench, client = slow
-    bench.server.start()
+    bench.start()
     bench.server.run(1_000_000_000)
     assert len(bench.log) == 2000
     lost = bench.server.lost_frames
@@ -642,9 +764,394 @@ def test_observer_that_never_reads_holds_nobody_and_what_it_misses_is_counted(sl
 
 def test_what_an_observer_has_not_taken_by_the_end_is_counted_as_lost(slow, monkeypatch):
     bench, client = slow
-    bench.server.start()
+    bench.start()
     bench.server.run(1_000_000_000)
     seconds = iter(range(1000))
     monkeypatch.setattr(server_module, "time", SimpleNamespace(monotonic=lambda: float(next(seconds))))
     bench.server.end("")
     assert len(frames_in(messages(client))) + bench.server.lost_frames >= 2000
+
+
+# -- observers that change their controller --
+
+
+def configure(**change):
+    return protocol.message(protocol.CONFIGURE, protocol.encode_json(change))
+
+
+FILTERS = {"set_filters": True, "filters": [{"can_id": 0x100, "can_mask": 0x7FF}]}
+
+
+@pytest.mark.parametrize("when", ["before the start", "later"])
+def test_observer_sees_what_its_filters_let_pass_and_leaves_the_run_deterministic(bench, when):
+    bench = bench(("ping", "pong"))
+    eye, _, _ = bench.introduce("eye")
+    if when == "before the start":
+        eye.stream.sendall(configure(**FILTERS))
+        bench.server.poll(0.1)
+    bench.spawn("ping")
+    bench.spawn("pong")
+    bench.gather()
+    if when == "later":
+        bench.start()
+        eye.stream.sendall(configure(**FILTERS))
+        bench.server.poll(0.1)
+        bench.server.run(END_NS)
+        bench.server.end("the run is over")
+    else:
+        bench.play()
+    assert bench.log == inline_log()
+    expected = [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log if identifier == 0x100]
+    assert frames_in(messages(eye)) == expected
+    assert bench.server.deterministic
+
+
+@pytest.mark.parametrize("when", ["before the start", "later"])
+def test_task_of_an_observer_is_carried_out_in_virtual_time(bench, when):
+    bench = bench(("a",))
+    frames = [{"identifier": 0x123, "data": "01"}]
+    task = configure(periodic={"task": 1, "frames": frames, "period_ns": 1_000_000, "duration_ns": 3_500_000})
+    drummer, _, _ = bench.introduce("drummer")
+    bench.introduce("a", True, (protocol.YIELD, (0, None, [])))
+    if when == "later":
+        bench.start()
+    drummer.stream.sendall(task)
+    bench.server.poll(0.1)
+    if when == "before the start":
+        bench.start()
+    bench.server.run(10_000_000)
+    first_ns = bench.log[0][0]
+    assert [frame[1:] for frame in bench.log] == [(0x123, b"\x01", "drummer")] * 4
+    assert [end_ns - first_ns for end_ns, *_ in bench.log] == [0, 1_000_000, 2_000_000, 3_000_000]
+
+
+def test_frames_that_an_observer_flushes_before_the_start_are_not_sent(bench):
+    bench = bench(("a",))
+    speaker, _, _ = bench.introduce("speaker")
+    bench.introduce("a", True, (protocol.YIELD, (0, None, [])))
+    speaker.stream.sendall(
+        protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
+        + configure(flush=True)
+        + protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x124, b"")]))
+    )
+    bench.server.poll(0.1)
+    bench.start()
+    bench.server.run(END_NS)
+    assert [(identifier, sender) for _, identifier, _, sender in bench.log] == [(0x124, "speaker")]
+
+
+def test_frames_of_an_observer_before_the_start_find_ten_places(bench):
+    bench = bench(("a",))
+    speaker, _, _ = bench.introduce("speaker")
+    bench.introduce("a", True, (protocol.YIELD, (0, None, [])))
+    frames = [(0, 0x100 + number, b"") for number in range(13)]
+    speaker.send(protocol.SEND, protocol.encode_frames(frames))
+    bench.server.poll(0.1)
+    bench.start()
+    bench.server.run(END_NS)
+    assert [identifier for _, identifier, _, _ in bench.log] == list(range(0x100, 0x10A))
+    assert bench.server.status()["nodes"]["speaker"]["lost"] == {"transmit queue full": 3}
+
+
+@pytest.mark.parametrize("when", ["before the start", "later"])
+@pytest.mark.parametrize("words", NONSENSE)
+def test_nonsense_is_shown_out_before_the_start_as_later(bench, words, when):
+    bench = bench(("a",), inline=[Chatter(20)])
+    fool, _, _ = bench.introduce("fool")
+    bench.introduce("a", True, (protocol.YIELD, (0, None, [])))
+    if when == "later":
+        bench.start()
+    fool.stream.sendall(NONSENSE[words])
+    bench.server.poll(0.1)
+    if when == "before the start":
+        bench.start()
+    bench.server.run(END_NS)
+    assert bench.server.observers == []
+    bench.server.end("")
+    assert [sender for *_, sender in bench.log] == ["chatter"] * 20
+    assert messages(fool)[-1][0] == protocol.REFUSED
+
+
+def test_observer_that_says_too_much_before_the_start_is_shown_out(bench):
+    bench = bench(("a",))
+    fool, _, _ = bench.introduce("fool")
+    fool.stream.sendall(configure(flush=True) * (server_module.EARLY_MESSAGES + 1))
+    kind, reason = bench.answer(fool)
+    assert (kind, b"more than 256 messages before time begins" in reason) == (protocol.REFUSED, True)
+    assert messages(fool) == []
+
+
+def test_what_an_observer_says_together_with_hello_is_heard(bench):
+    bench = bench()
+    client = bench.connect()
+    hello = protocol.message(protocol.HELLO, protocol.encode_json({"name": "speaker", "role": "observer"}))
+    client.stream.sendall(hello + protocol.message(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")])))
+    assert bench.answer(client)[0] == protocol.WELCOME
+    bench.start()
+    bench.server.run(END_NS)
+    assert [(identifier, sender) for _, identifier, _, sender in bench.log] == [(0x123, "speaker")]
+
+
+def test_observer_where_clients_are_expected_listens_only_until_it_sends(bench):
+    """a and the observer are alone (the third of the bench's own listens only): whether a is heard is up to it."""
+    bench = bench(("a",))
+    bench.inline[0].controller.listen_only = True
+    eye, _, _ = bench.introduce("eye")
+    sending = (protocol.YIELD, (0, 10_000_000, [(0, 0x100, b"")]))
+    bench.introduce("a", True, sending, (protocol.YIELD, (0, None, [])))
+    bench.start()
+    bench.server.run(5_000_000)
+    assert bench.log == []
+    assert bench.server.status()["nodes"]["a"]["state"] == "error-passive"
+    eye.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
+    while bench.server.deterministic:
+        bench.server.poll(0.1)
+    bench.server.run(10_000_000)
+    assert sorted(sender for *_, sender in bench.log) == ["a", "eye"]
+
+
+# -- clients that leave --
+
+
+def test_frame_that_waits_for_one_who_leaves_is_nobodys(bench):
+    """Frames 2 and 3 end while a computes; it leaves at 2, computing for a while more."""
+    bench = bench(("a", "b"), inline=[Chatter(3)])
+    answers = [(protocol.YIELD, (1_000_000, None, [])), (protocol.LEAVE, (500_000, None, []))]
+    bench.introduce("a", True, *answers, wakes_on=[0x100])
+    bench.introduce("b", True, (protocol.YIELD, (0, 5_000_000, [])), (protocol.YIELD, (0, None, [])))
+    bench.start()
+    bench.server.run(END_NS)
+    assert [sender for *_, sender in bench.log] == ["chatter"] * 3
+    assert bench.server.timed["a"].left
+    assert not bench.server.timed["b"].left
+
+
+@pytest.mark.parametrize("delay_ns", [0, 1, 10_000_000])
+def test_last_words_may_take_a_while(bench, delay_ns):
+    bench = bench(("a", "b"))
+    bench.introduce("a", True, (protocol.LEAVE, (0, None, [(delay_ns, 0x100, b"bye")])))
+    bench.introduce("b", True, (protocol.YIELD, (0, None, [])))
+    bench.start()
+    bench.server.run(END_NS)
+    assert [(identifier, data, sender) for _, identifier, data, sender in bench.log] == [(0x100, b"bye", "a")]
+    assert "a" not in bench.server.status()["nodes"]
+
+
+@pytest.mark.parametrize("trouble", ["a task without end", "a frame that nobody acknowledges"])
+def test_what_goes_on_without_end_keeps_no_session_from_ending(bench, trouble):
+    bench = bench(("a",))
+    bench.inline[0].controller.listen_only = trouble == "a frame that nobody acknowledges"
+    drummer, _, _ = bench.introduce("drummer")
+    bench.introduce("a", True, (protocol.YIELD, (0, 5_000_000, [])), (protocol.LEAVE, (0, None, [(0, 0x100, b"bye")])))
+    bench.start()
+    if trouble == "a task without end":
+        task = {"task": 1, "frames": [{"identifier": 0x123, "data": ""}], "period_ns": 1_000_000}
+        drummer.stream.sendall(configure(periodic=task))
+    else:
+        drummer.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")] * 10))
+    bench.server.poll(0.1)
+    bench.server.run(protocol.FAR_NS)
+    assert bench.server.deserted
+    assert [data for _, identifier, data, _ in bench.log if identifier == 0x100] == [b"bye"]
+    assert bench.kernel.now_ns < END_NS
+
+
+def test_client_that_dies_is_removed_and_counted_where_the_others_go_on(bench):
+    bench = bench(("ping", "pong", "a"), go_on=True)
+    bench.spawn("ping", "SIGKILL")
+    bench.spawn("pong")
+    ticks = [(protocol.YIELD, (0, 1_000_000 * k, [(0, 0x600, b"")])) for k in range(1, 40)]
+    bench.introduce("a", True, *ticks, (protocol.LEAVE, (0, None, [])))
+    bench.gather()
+    bench.start()
+    bench.server.run(END_NS)
+    assert bench.server.died == bench.server.status()["died"] == ["ping is gone: its connection to the bus broke"]
+    assert sorted(bench.server.status()["nodes"]) == ["pong", "silent"]
+    assert [sender for *_, sender in bench.log].count("a") == 39
+    mine = [frame for frame in bench.log if frame[3] != "a"]
+    assert len(mine) > 9
+    bench.server.end("")
+
+
+@pytest.mark.parametrize("breach", BREACHES)
+def test_client_that_breaks_the_protocol_is_removed_where_the_others_go_on(bench, breach):
+    bench = bench(("a", "b"), go_on=True, inline=[Chatter(20)])
+    client, _, _ = bench.introduce("a", True, (protocol.YIELD, (0, 1_000_000, [])))
+    client.stream.sendall(BREACHES[breach])
+    bench.introduce("b", True, (protocol.YIELD, (0, None, [])))
+    bench.start()
+    bench.server.run(END_NS)
+    assert [reason.partition(" ")[0].rstrip(":") for reason in bench.server.died] == ["a"]
+    assert len(bench.log) == 20
+
+
+# -- several channels --
+
+
+def test_buses_of_one_server_share_their_time(bench):
+    """The same frames at the same instants on both; nobody hears the other bus."""
+    agenda = Agenda()
+    listeners = [Listener("left"), Listener("right")]
+    kernels = [Kernel(BIT_NS, agenda=agenda), Kernel(2 * BIT_NS, agenda=agenda)]
+    buses = [Bus(listener, kernel) for listener, kernel in zip(listeners, kernels, strict=True)]
+    server = Server(buses, ("a", "b", "c", "d"), bench().on_wait)
+    log = []
+    for name, kernel in server.buses.items():
+        kernel.watchers.append(lambda *frame, name=name: log.append((name, *frame)))
+    clients = {}
+    for name, where in [("a", "left"), ("b", "right"), ("c", "left"), ("d", "right")]:
+        clients[name] = client = Connection(channel.connect(where))
+        sends = [(0, 0x100, b"")] if name in "ab" else []
+        hello = {"name": name, "role": "timed", "wakes_on": None}
+        client.send(protocol.HELLO, protocol.encode_json(hello))
+        for _ in range(2):
+            client.send(protocol.YIELD, protocol.encode_yield((0, None, sends)))
+            sends = []
+    while server.missing():
+        server.poll(0.1)
+    server.start()
+    server.run(1_000_000)
+    bits = frame_bits(0x100, b"")
+    assert log == [("left", bits * 1000, 0x100, b"", "a"), ("right", bits * 2000, 0x100, b"", "b")]
+    assert {name: node["channel"] for name, node in server.status()["nodes"].items()} == {
+        "a": "left", "b": "right", "c": "left", "d": "right",
+    }  # fmt: skip
+    server.end("")
+    for name in "cd":
+        assert [kind for kind, _ in messages(clients[name])] == [
+            protocol.WELCOME, protocol.START, protocol.GRANT, protocol.END,
+        ]  # fmt: skip
+    for each in (*clients.values(), *listeners):
+        each.close()
+
+
+# -- the clock --
+
+
+def command(bench, client, **words):
+    """Give the clock a command; return its answer, or the text of the refusal."""
+    client.send(protocol.CONTROL, protocol.encode_json(words))
+    kind, body = bench.answer(client)
+    return protocol.decode_json(body) if kind == protocol.STATUS else body.decode()
+
+
+@pytest.fixture
+def clock(bench):
+    """A bench whose chatter sends every 200 us, and a client that controls its clock."""
+    bench = bench(inline=[Chatter(1000)])
+    client = bench.connect()
+    client.send(protocol.HELLO, protocol.encode_json({"name": "clock", "role": "control"}))
+    bench.server.poll(0.1)
+    bench.start()
+    return bench, client
+
+
+def run_for_a_while(bench):
+    """Let the server do what it may; a paused one never gets to the end, so it is ended from within."""
+    polls = iter(range(5))
+    poll = bench.server.poll
+
+    def poll_at_most(_timeout_s):
+        poll(0.0)
+        if next(polls, None) is None:
+            raise TimeoutError
+
+    bench.server.poll = poll_at_most
+    with suppress(TimeoutError):
+        bench.server.run(bench.kernel.now_ns + 3_000_000)
+    bench.server.poll = poll
+
+
+def test_paused_bus_stands_still_and_steps_exactly(clock):
+    bench, client = clock
+    bench.server.run(1_000_000)
+    status = command(bench, client, command="pause")
+    assert (status["now_ns"], status["paused"]) == (1_000_000, True)
+    run_for_a_while(bench)
+    assert bench.kernel.now_ns == 1_000_000
+    assert command(bench, client, command="step", step_ns=123_456)["paused"]
+    run_for_a_while(bench)
+    assert bench.kernel.now_ns == 1_123_456
+    for _ in range(2):
+        command(bench, client, command="step", step_ns=1_000_000)
+    run_for_a_while(bench)
+    assert bench.kernel.now_ns == 3_123_456
+    assert not command(bench, client, command="continue")["paused"]
+    bench.server.run(8_000_000)
+    assert bench.kernel.now_ns == 8_000_000
+    assert [end_ns // 200_000 for end_ns, *_ in bench.log] == list(range(1, 40))
+
+
+def test_pace_is_set_and_taken_back(clock):
+    bench, client = clock
+    assert command(bench, client, command="status")["pace"] is None
+    assert command(bench, client, command="pace", pace=2.5)["pace"] == 2.5
+    assert command(bench, client, command="pace")["pace"] is None
+
+
+def test_status_tells_what_every_controller_counted(clock):
+    bench, client = clock
+    bench.server.run(1_000_000)
+    status = command(bench, client, command="status")
+    assert status["nodes"]["chatter"] == {
+        "sent": 4, "received": 0, "repeated": 0, "lost": {}, "errors": {}, "tec": 0, "rec": 0,
+        "state": "error-active", "channel": "arm",
+    }  # fmt: skip
+    assert status["waiting_for"] is None
+    assert (status["missing"], status["died"]) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("words", "culprit"),
+    [
+        ({}, "command"),
+        ({"command": "stop"}, "command"),
+        ({"command": "step", "step_ns": 0}, "step_ns"),
+        ({"command": "step", "step_ns": 1.5}, "step_ns"),
+        ({"command": "step", "step_ns": (1 << 62) + 1}, "step_ns"),
+        ({"command": "pace", "pace": 0}, "pace"),
+        ({"command": "pace", "pace": -1.0}, "pace"),
+        ({"command": "pace", "pace": 1e7}, "pace"),
+        ({"command": "pace", "pace": "fast"}, "pace"),
+        ({"command": "status", "verbose": True}, "verbose"),
+    ],
+)
+def test_command_that_is_none_is_refused_and_changes_nothing(clock, words, culprit):
+    bench, client = clock
+    assert command(bench, client, **words).startswith(f"Command: {culprit}")
+    assert messages(client) == []
+    assert (bench.server.pace.paused, bench.server.pace.unlimited) == (False, True)
+
+
+def test_other_message_of_who_controls_the_clock_is_refused(clock):
+    bench, client = clock
+    client.send(protocol.SEND, protocol.encode_frames([(0, 0x100, b"")]))
+    assert bench.answer(client)[0] == protocol.REFUSED
+    assert messages(client) == []
+
+
+def test_who_controls_the_clock_is_told_whom_the_bus_waits_for(bench, monkeypatch):
+    """While the bus waits, it answers: before the start of those who are missing, later of the one that is silent."""
+    monkeypatch.setattr(participants_module, "WAIT_S", 0.02)
+    bench, answers = bench(("slow",)), []
+    client = bench.connect()
+    client.send(protocol.HELLO, protocol.encode_json({"name": "clock", "role": "control"}))
+    assert command(bench, client, command="status")["missing"] == ["slow"]
+    bench.introduce("slow", True)
+
+    def ask(name, waited_s):
+        if waited_s > 0.05:
+            answers.append(protocol.decode_json(client.receive()[1]))
+            raise NodeError(f"{name} hangs")
+
+    bench.server.timed["slow"]._on_wait = lambda name, waited_s: (
+        bench.server._wait(name, waited_s),
+        ask(name, waited_s),
+    )
+    client.send(protocol.CONTROL, protocol.encode_json({"command": "status"}))
+    monkeypatch.setattr(bench.server, "_on_wait", lambda _name, _waited_s: None)
+    with pytest.raises(NodeError, match="slow hangs"):
+        bench.start()
+    assert answers[0]["waiting_for"]["name"] == "slow"
+    assert answers[0]["waiting_for"]["seconds"] >= 0.02
+    assert answers[0]["missing"] == []
