@@ -7,10 +7,11 @@ left the data phase of an FD frame by an error and others have not yet seen it, 
 from typing import TYPE_CHECKING
 
 from hil.wire.agenda import ARBITRATE, DELIVER
-from hil.wire.bit_level import ARBITRATION_LOST, BUS_ERROR, CONFIRM, OVERLOAD, BitLevel
+from hil.wire.bit_level import BitLevel
 from hil.wire.controller import Entry
 from hil.wire.duration import plan_of
 from hil.wire.frame_plan import DOMINANT, RECESSIVE
+from hil.wire.frame_reader import ARBITRATION_LOST, BUS_ERROR, CONFIRM, OVERLOAD
 
 if TYPE_CHECKING:
     from hil.wire.medium import Medium
@@ -137,7 +138,7 @@ class BitPlay:
         begins: dict[int, tuple[Port, Entry]] = {}
         for port, side in self._sides.items():
             if (side.idle or side.joining) and port.controller.acknowledges:
-                entry = self._medium.head(port)
+                entry = self._medium.queues.head(port)
                 if entry is not None and entry[0] not in begins:
                     begins[entry[0]] = port, entry
         for port, entry in begins.values():
@@ -165,9 +166,9 @@ class BitPlay:
                 elif what == BUS_ERROR:
                     self._fail(port, number, field)
                 else:
-                    self._medium.receive(port, number, data)
+                    self._medium.delivery.receive(port, self._agenda.now_ns, number, data)
             if happened:
-                self._medium.check_states()
+                self._medium.reporter.check_states()
 
     def _lose(self, port: "Port", bit: int) -> None:
         entry = self._sending.pop(port)
@@ -179,7 +180,7 @@ class BitPlay:
         if code != OVERLOAD:
             self._flips = None
         if entry is None:
-            self._medium.bus_error(port, code, field)
+            self._medium.reporter.bus_error(port, code, field)
         else:
-            self._medium.take(entry)
+            self._medium.queues.take(entry)
             self._medium.failed(port, entry, code, field)

@@ -8,7 +8,8 @@ Ref: linux/can/error.h; FMI-LS-BUS 1.0, "CAN, CAN FD, CAN XL".
 
 from typing import NamedTuple
 
-from hil.wire.bit_level import (
+from hil.wire.confinement import BUS_OFF, ERROR_ACTIVE, ERROR_PASSIVE
+from hil.wire.frame_reader import (
     ACK_ERROR,
     ARBITRATION_LOST,
     BIT_ERROR,
@@ -18,7 +19,6 @@ from hil.wire.bit_level import (
     OVERLOAD,
     STUFF_ERROR,
 )
-from hil.wire.confinement import BUS_OFF, ERROR_ACTIVE, ERROR_PASSIVE
 from hil.wire.identifier import ERROR
 from hil.wire.port import Port
 

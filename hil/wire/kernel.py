@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from hil.wire import controller as cause
 from hil.wire.agenda import ARBITRATE, QUEUE, Agenda
 from hil.wire.controller import Entry
-from hil.wire.medium import Medium, Watcher
+from hil.wire.delivery import Watcher
+from hil.wire.medium import Medium
 from hil.wire.port import Arrival, Participant, Port
 from hil.wire.rates import Rates
+from hil.wire.reporter import Listener
 
 __all__ = ["Arrival", "Kernel", "Participant", "Port", "Watcher"]
 
@@ -99,7 +101,7 @@ class Kernel:
             self._move(port, self.medium, waiting)
 
     def _move(self, port: Port, medium: Medium, waiting: Sequence[Entry]) -> None:
-        medium.listeners = self.medium.listeners
+        medium.reporter.listeners = self.medium.reporter.listeners
         medium.attach(port)
         medium.adopt(waiting)
 
@@ -136,7 +138,12 @@ class Kernel:
     @property
     def watchers(self) -> list[Watcher]:
         """Who is told of every frame."""
-        return self.medium.watchers
+        return self.medium.delivery.watchers
+
+    @property
+    def listeners(self) -> list[Listener]:
+        """Who is told of errors, states, overruns and lost arbitration."""
+        return self.medium.reporter.listeners
 
     @property
     def rates(self) -> Rates:

@@ -6,38 +6,23 @@ bus, its controllers are played bit by bit (bit_play.py) until all are idle agai
 Ref: ISO 11898-1:2015, 10.4.6 (intermission), 10.8 (arbitration), 12.1.4 (fault confinement).
 """
 
-from collections.abc import Callable, Sequence
-from heapq import heapify, heappop, heappush
+from collections.abc import Sequence
 from typing import Protocol
 
 from hil.wire import controller as cause
 from hil.wire.agenda import ARBITRATE, DELIVER, QUEUE, Agenda
-from hil.wire.bit_level import (
-    ACK_ERROR,
-    ARBITRATION_LOST,
-    BUS_ERROR,
-    DELIMITER_BITS,
-    EOF_BITS,
-    FLAG_BITS,
-    INTERMISSION_BITS,
-    SUSPEND_BITS,
-)
+from hil.wire.bit_level import DELIMITER_BITS, FLAG_BITS, INTERMISSION_BITS, SUSPEND_BITS
 from hil.wire.bit_play import BitPlay, Flips
 from hil.wire.controller import Entry
+from hil.wire.delivery import Delivery
 from hil.wire.duration import duration_ns
-from hil.wire.events import ERROR_NAMES, OVERRUN, STATUS, BusEvent
-from hil.wire.identifier import ESI, FD, OWN, arbitration_key
-from hil.wire.port import IGNORES, LONG_AGO_NS, WATCHES, Arrival, Port, route_key
+from hil.wire.frame_reader import ACK_ERROR, EOF_BITS
+from hil.wire.identifier import ESI, FD
+from hil.wire.port import LONG_AGO_NS, Port
 from hil.wire.rates import Rates
 from hil.wire.recovery import Recovery
-
-Watcher = Callable[[int, int, bytes, str], None]
-"""Called with (end of frame in ns, identifier, data, sender) for every frame on the bus."""
-
-Listener = Callable[[BusEvent], None]
-
-ROUTES = 4096
-"""Identifiers whose acceptance is remembered; random ones must not fill the memory."""
+from hil.wire.reporter import Reporter
+from hil.wire.transmit_queues import TransmitQueues
 
 
 class Faults(Protocol):
@@ -55,18 +40,16 @@ class Medium:
         self.rates = rates
         self.functional = functional
         self.ports: list[Port] = []
-        self.watchers: list[Watcher] = []
-        self.listeners: list[Listener] = []
+        self.delivery = Delivery(self)
         self.faults: Faults | None = None
         self.stuck: set[Port] = set()
         self.play: BitPlay | None = None
         self.recovery = Recovery(self)
         self.busy_ns = 0
-        self.pending: list[Entry] = []
+        self.queues = TransmitQueues()
+        self.reporter = Reporter(self)
         self._bit_ns = 0 if functional else rates.bit_ns
         self._by_order: dict[int, Port] = {}
-        self._routes: dict[int, list[tuple[Port, int]]] = {}
-        self._sequence = 0
         self._idle = True
         self._plain = False
         self._free_from_ns = LONG_AGO_NS
@@ -90,9 +73,7 @@ class Medium:
         """Take a participant off the bus, in the middle of a frame if it must be; return what it had to send."""
         if self._current is not None and self._matters(port, self._current):
             self.disturb()
-        entries = sorted(entry for entry in self.pending if entry[1] == port.order)
-        self.pending = [entry for entry in self.pending if entry[1] != port.order]
-        heapify(self.pending)
+        entries = self.queues.take_all(port)
         self.ports.remove(port)
         del self._by_order[port.order]
         self.stuck.discard(port)
@@ -110,7 +91,7 @@ class Medium:
 
     def assess(self) -> None:
         """Look at everybody anew: after a change of who takes part, of filters, of error states."""
-        self._routes.clear()
+        self.delivery.forget()
         ready = [port for port in self.ports if port.controller.acknowledges]
         self._plain = self.functional or (
             self.faults is None
@@ -143,56 +124,26 @@ class Medium:
         """Let a frame enter arbitration, at the earliest when all of this instant are queued."""
         if port.order not in self._by_order:
             return
-        self._sequence += 1
-        now_ns = self.agenda.now_ns
-        entry = (arbitration_key(identifier), port.order, now_ns, self._sequence, identifier, data)
-        if port.controller.fifo:
-            port.controller.waiting.append(entry)
-            if len(port.controller.waiting) > 1:
-                return
-        heappush(self.pending, entry)
+        self.queues.enter(port, identifier, data, self.agenda.now_ns)
         if self._idle:
             self._idle = False
-            self.agenda.at(max(now_ns, self._free_from_ns), ARBITRATE, -1, self._arbitrate, None)
+            self.agenda.at(max(self.agenda.now_ns, self._free_from_ns), ARBITRATE, -1, self._arbitrate, None)
 
     def adopt(self, entries: Sequence[Entry]) -> None:
         """Take over what a participant had to send elsewhere."""
-        for entry in entries:
-            heappush(self.pending, entry)
+        self.queues.put(entries)
         self.rouse()
 
     def leave_queue(self, port: Port, reason: str | None = None) -> None:
-        """Count a frame out of a queue: sent, or lost for a reason; a first-in-first-out queue moves up."""
-        controller = port.controller
-        controller.queued -= 1
-        controller.left += 1
-        if reason is not None:
-            controller.lost[reason] += 1
-        if controller.fifo:
-            controller.waiting.popleft()
-            if controller.waiting:
-                heappush(self.pending, controller.waiting[0])
-        if controller.babbles is not None and not self._waits(port, controller.babbles[0]):
-            self.queue(port, *controller.babbles)
-
-    def _waits(self, port: Port, identifier: int) -> bool:
-        return any(entry[1] == port.order and entry[4] == identifier for entry in self.pending)
+        """Count a frame out of a queue: sent, or lost for a reason. A babbling node has the next one ready."""
+        self.queues.leave(port, reason)
+        babbles = port.controller.babbles
+        if babbles is not None and not self.queues.holds(port, babbles[0]):
+            self.queue(port, *babbles)
 
     def flush(self, port: Port, reason: str = cause.FLUSHED) -> None:
-        """Drop what a controller has not begun to send; what it has begun is not sent again."""
-        controller = port.controller
-        sending = self._current if self.play is None else self.play.sending(port)
-        entries = [entry for entry in self.pending if entry[1] == port.order and entry is not sending]
-        self.pending = [entry for entry in self.pending if entry[1] != port.order or entry is sending]
-        heapify(self.pending)
-        kept = [entry for entry in controller.waiting if entry is sending]
-        dropped = len(controller.waiting) - len(kept) if controller.fifo else len(entries)
-        controller.waiting.clear()
-        controller.waiting.extend(kept)
-        controller.given_up = sending if sending is not None and sending[1] == port.order else None
-        controller.queued -= dropped
-        controller.left += dropped
-        controller.lost[reason] += dropped
+        """Drop what a controller has to send; what it has begun is not sent again."""
+        self.queues.flush(port, reason, self._current if self.play is None else self.play.sending(port))
 
     def listen_only(self, port: Port, listen_only: bool) -> None:
         """Let a controller only listen, or take part again; what it had to send is lost."""
@@ -201,15 +152,11 @@ class Medium:
         port.controller.listen_only = listen_only
         self.assess()
 
-    def head(self, port: Port) -> Entry | None:
-        """Return what a controller would send now."""
-        return min((entry for entry in self.pending if entry[1] == port.order), default=None)
-
     # -- arbitration --
 
     def rouse(self) -> None:
         """Arbitrate, if somebody waits and nobody sends: after a recovery, a return, a suspension."""
-        if self.pending and self._current is None and self.play is None:
+        if self.queues.pending and self._current is None and self.play is None:
             self._idle = False
             self.agenda.at(max(self.agenda.now_ns, self._free_from_ns), ARBITRATE, -1, self._arbitrate, None)
 
@@ -217,10 +164,10 @@ class Medium:
         """Start the frame that wins, unless somebody has started since this was put down."""
         if self._current is not None or self.play is not None or self.agenda.now_ns < self._free_from_ns:
             return
-        if not self.pending:
+        if not self.queues.pending:
             self._idle = True
         elif self._plain:
-            self._start(heappop(self.pending))
+            self._start(self.queues.pop())
         else:
             self._arbitrate_with_care()
 
@@ -243,9 +190,9 @@ class Medium:
     def _arbitrate_with_care(self) -> None:
         """Arbitrate where somebody is passive, off, listening only, discards what loses, or a fault is due."""
         now_ns = self.agenda.now_ns
-        able = [entry for entry in self.pending if self._able(entry, now_ns)]
+        able = [entry for entry in self.queues.pending if self._able(entry, now_ns)]
         if not able:
-            waits = [self._by_order[entry[1]].controller.suspended_until_ns for entry in self.pending]
+            waits = [self._by_order[entry[1]].controller.suspended_until_ns for entry in self.queues.pending]
             until_ns = min((wait for wait in waits if wait > now_ns), default=None)
             self._idle = until_ns is None
             if until_ns is not None:
@@ -254,7 +201,7 @@ class Medium:
         winner = min(able)
         for loser in self._losers(able, winner):
             self.lose(self._by_order[loser[1]], loser, 32 - (loser[0] ^ winner[0]).bit_length())
-        self.take(winner)
+        self.queues.take(winner)
         self._start_with_care(winner)
 
     def _able(self, entry: Entry, now_ns: int) -> bool:
@@ -269,21 +216,16 @@ class Medium:
 
     def lose(self, port: Port, entry: Entry, bit: int) -> None:
         """Arbitration Lost: give the frame up, and say so."""
-        self.take(entry)
+        self.queues.take(entry)
         self.leave_queue(port, cause.ARBITRATION)
-        self.tell(BusEvent(self.agenda.now_ns, port, ARBITRATION_LOST, number=bit))
-
-    def take(self, entry: Entry) -> None:
-        """Take a frame out of those that wait."""
-        self.pending.remove(entry)
-        heapify(self.pending)
+        self.reporter.arbitration_lost(port, bit)
 
     def _start_with_care(self, entry: Entry) -> None:
         port = self._by_order[entry[1]]
         self.recovery.dominant()
         flips = self.flips(entry)
         if flips or self.stuck:
-            heappush(self.pending, entry)
+            self.queues.put([entry])
             self.play = BitPlay(self, flips)
         elif any(other.controller.acknowledges for other in self.ports if other is not port):
             self._start(entry)
@@ -309,39 +251,14 @@ class Medium:
         now_ns, identifier, data = self.agenda.now_ns, entry[4], entry[5]
         if identifier >= FD:
             identifier = self.identifier(entry)
-        arrival = (now_ns, identifier, data)
-        route = self._routes.get(identifier)
-        for receiver, how in self._route(identifier) if route is None else route:
-            if receiver is not port:
-                self._hand_over(receiver, arrival, how)
-            elif port.echo:
-                self._hand_over(port, (now_ns, identifier | OWN, data), how)
-        for watcher in self.watchers:
-            watcher(now_ns, identifier, data, port.name)
+        self.delivery.deliver(port, now_ns, identifier, data)
         self._free_from_ns = now_ns + INTERMISSION_BITS * self._bit_ns
         if not self._plain:
             self._settle(port)
-        if self.pending:
+        if self.queues.pending:
             self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
         else:
             self._idle = True
-
-    def _hand_over(self, receiver: Port, arrival: Arrival, how: int) -> None:
-        receiver.controller.received += 1
-        if how == WATCHES:
-            receiver.watch(arrival)
-        else:
-            receiver.take(arrival, how)
-
-    def _route(self, identifier: int) -> list[tuple[Port, int]]:
-        """Find who accepts an identifier, and what it does with it; found once, kept."""
-        key = route_key(identifier)
-        acceptances = [(port, port.accepts(key)) for port in self.ports]
-        route = [(port, how) for port, how in acceptances if how != IGNORES]
-        if len(self._routes) >= ROUTES:
-            self._routes.clear()
-        self._routes[identifier] = route
-        return route
 
     def _settle(self, sender: Port) -> None:
         """Count a good frame for everybody (rules 7 and 8); let a passive sender wait longer."""
@@ -353,7 +270,7 @@ class Medium:
         if sender.controller.confinement.passive:
             sender.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * self._bit_ns
         self.recovery.recessive(self.agenda.now_ns - (EOF_BITS + 1) * self._bit_ns)
-        self.check_states()
+        self.reporter.check_states()
 
     # -- nobody there --
 
@@ -383,7 +300,7 @@ class Medium:
         self._free_from_ns = now_ns + rest
         if confinement.passive:
             port.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * bit_ns
-        self.check_states()
+        self.reporter.check_states()
         self._idle = False
         self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
 
@@ -394,8 +311,8 @@ class Medium:
             self.leave_queue(port, cause.ONE_SHOT if controller.one_shot else cause.FLUSHED)
         else:
             controller.repeated += 1
-            heappush(self.pending, entry)
-        self.bus_error(port, code, field, sending=True)
+            self.queues.put([entry])
+        self.reporter.bus_error(port, code, field, sending=True)
 
     # -- bit by bit --
 
@@ -409,7 +326,7 @@ class Medium:
             self.agenda.at(self.agenda.now_ns, ARBITRATE, -1, self._play_from_here, None)
         else:
             self.busy_ns -= self._planned_ns
-            heappush(self.pending, entry)
+            self.queues.put([entry])
             self.play = BitPlay(self, None, entry, self._since_ns)
 
     def _play_from_here(self, _: None) -> None:
@@ -426,53 +343,8 @@ class Medium:
 
     def confirm(self, port: Port, entry: Entry, identifier: int) -> None:
         """Confirm: a frame that was played bit by bit has gone out."""
-        self.take(entry)
+        self.queues.take(entry)
         port.controller.sent += 1
         port.controller.unheard = False
         self.leave_queue(port)
-        now_ns, data = self.agenda.now_ns, entry[5]
-        if port.echo and (how := port.accepts(route_key(identifier))) != IGNORES:
-            self._hand_over(port, (now_ns, identifier | OWN, data), how)
-        for watcher in self.watchers:
-            watcher(now_ns, identifier, data, port.name)
-
-    def receive(self, port: Port, identifier: int, data: bytes) -> None:
-        """Hand over a frame that one participant read bit by bit."""
-        how = port.accepts(route_key(identifier))
-        if how != IGNORES:
-            self._hand_over(port, (self.agenda.now_ns, identifier, data), how)
-
-    # -- events --
-
-    def bus_error(self, port: Port, code: int, field: str, sending: bool = False) -> None:
-        """Count a bus error, and tell of it; the same want of an acknowledgement again and again is told once."""
-        controller = port.controller
-        controller.errors[ERROR_NAMES[code]] += 1
-        if code == ACK_ERROR:
-            told, controller.unheard = controller.unheard, True
-            if told:
-                return
-        self.tell(BusEvent(self.agenda.now_ns, port, BUS_ERROR, code, field, sending))
-
-    def overrun(self, port: Port) -> None:
-        """Count a frame that a participant was too slow for."""
-        port.controller.lost[cause.OVERRUN] += 1
-        self.tell(BusEvent(self.agenda.now_ns, port, OVERRUN))
-
-    def check_states(self) -> None:
-        """Tell of changed error states."""
-        for port in self.ports:
-            controller = port.controller
-            state = controller.confinement.state, controller.confinement.warning
-            if state != controller.told:
-                before, controller.told = controller.told[0], state
-                if controller.confinement.off:
-                    controller.off_since_ns = self.agenda.now_ns
-                self.tell(BusEvent(self.agenda.now_ns, port, STATUS, state[0], before=before))
-        self.assess()
-        self.recovery.expect()
-
-    def tell(self, event: BusEvent) -> None:
-        """Tell everybody who listens."""
-        for listener in self.listeners:
-            listener(event)
+        self.delivery.confirm(port, self.agenda.now_ns, identifier, entry[5])

@@ -105,7 +105,7 @@ class Port:
         """Take a frame, or lose it where there is no room for it."""
         inbox = self.inbox
         if len(inbox) >= self.controller.receive_depth or self.controller.overrun:
-            self.medium.overrun(self)
+            self.medium.reporter.overrun(self)
             return
         inbox.append((arrival, how == WAKES))
         if how == WAKES:

@@ -61,7 +61,7 @@ class Recovery:
         elif confinement.sequences + sequences >= RECOVERY_SEQUENCES:
             confinement.reset()
         if not confinement.off:
-            self._medium.check_states()
+            self._medium.reporter.check_states()
             self._medium.rouse()
 
     @property

@@ -11,16 +11,16 @@ import selectors
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from hil.errors import NodeError
 from hil.pace import Pace
-from hil.wire import protocol
+from hil.wire import control, protocol
 from hil.wire.admission import objection
 from hil.wire.channel import Listener
 from hil.wire.door import Door, refuse
 from hil.wire.events import BusEvent, error_frame
-from hil.wire.hello import Command, Hello
+from hil.wire.hello import Hello
 from hil.wire.identifier import refusal
 from hil.wire.kernel import Kernel
 from hil.wire.participants import Client, Observer, OnWait, TimedClient
@@ -78,16 +78,23 @@ class Server:
         self._started = False
         self._running = False
         self._guests: list[tuple[str, Hello, Connection]] = []
-        self._door = Door([bus.listener for bus in buses], self._receive_guest, self._command)
+        self._door = Door(
+            [bus.listener for bus in buses], self._receive_guest, lambda command: control.obey(self, command)
+        )
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._door, selectors.EVENT_READ, self._door.attend)
         for bus in buses:
-            bus.kernel.medium.listeners.append(self._tell_error)
+            bus.kernel.listeners.append(self._tell_error)
         for channel, observer in observers:
             observer.renew()
             self._seat(channel, observer)
 
     # -- the session --
+
+    @property
+    def started(self) -> bool:
+        """Whether time has begun."""
+        return self._started
 
     def missing(self) -> list[str]:
         """Return the expected clients that are not there yet."""
@@ -281,36 +288,6 @@ class Server:
             self._on_wait(name, waited_s)
         finally:
             self.waiting = None
-
-    def _command(self, command: Command) -> dict[str, Any]:
-        now_ns, pace = self.agenda.now_ns, self.pace
-        if command.command == "pause":
-            pace.pause(now_ns)
-        elif command.command == "continue":
-            pace.resume()
-        elif command.command == "step":
-            pace.step(now_ns, command.step_ns or SLICE_NS)
-        elif command.command == "pace":
-            pace.set(command.pace or float("inf"))
-        return self.status()
-
-    def status(self) -> dict[str, Any]:
-        """Return how things stand: time, pace, whom the bus waits for, and what every controller counted."""
-        waiting = None if self.waiting is None else {"name": self.waiting[0], "seconds": self.waiting[1]}
-        nodes = {
-            port.name: port.controller.counts() | {"channel": channel}
-            for channel, kernel in self.buses.items()
-            for port in kernel.ports
-        }
-        return {
-            "now_ns": self.agenda.now_ns,
-            "pace": None if self.pace.unlimited else self.pace.rate,
-            "paused": self.pace.paused,
-            "waiting_for": waiting,
-            "missing": [] if self._started else self.missing(),
-            "died": self.died,
-            "nodes": nodes,
-        }
 
     # -- observers --
 

@@ -1,0 +1,84 @@
+"""What the controllers of one bus have to send: who takes part in arbitration, and with which frame."""
+
+from collections.abc import Iterable
+from heapq import heapify, heappop, heappush
+
+from hil.wire.controller import Entry
+from hil.wire.identifier import arbitration_key
+from hil.wire.port import Port
+
+
+class TransmitQueues:
+    """The frames that take part in arbitration, as a heap: all of a queue by priority, the head of one in order."""
+
+    def __init__(self) -> None:
+        self.pending: list[Entry] = []
+        self._sequence = 0
+
+    def enter(self, port: Port, identifier: int, data: bytes, now_ns: int) -> None:
+        """Add a frame; in a first-in-first-out queue it waits for those before it."""
+        self._sequence += 1
+        entry = (arbitration_key(identifier), port.order, now_ns, self._sequence, identifier, data)
+        if port.controller.fifo:
+            port.controller.waiting.append(entry)
+            if len(port.controller.waiting) > 1:
+                return
+        heappush(self.pending, entry)
+
+    def put(self, entries: Iterable[Entry]) -> None:
+        """Let frames take part that did before."""
+        for entry in entries:
+            heappush(self.pending, entry)
+
+    def pop(self) -> Entry:
+        """Take out the frame that wins arbitration if everybody takes part."""
+        return heappop(self.pending)
+
+    def take(self, entry: Entry) -> None:
+        """Take out a certain frame."""
+        self.pending.remove(entry)
+        heapify(self.pending)
+
+    def take_all(self, port: Port) -> list[Entry]:
+        """Take out whatever somebody has to send."""
+        taken = [entry for entry in self.pending if entry[1] == port.order]
+        self.pending = [entry for entry in self.pending if entry[1] != port.order]
+        heapify(self.pending)
+        return sorted(taken)
+
+    def head(self, port: Port) -> Entry | None:
+        """Return what somebody would send now."""
+        return min((entry for entry in self.pending if entry[1] == port.order), default=None)
+
+    def holds(self, port: Port, identifier: int) -> bool:
+        """Return whether such a frame of somebody waits."""
+        return any(entry[1] == port.order and entry[4] == identifier for entry in self.pending)
+
+    def leave(self, port: Port, reason: str | None) -> None:
+        """Count a frame out: sent, or lost for a reason; a first-in-first-out queue moves up."""
+        controller = port.controller
+        controller.queued -= 1
+        controller.left += 1
+        if reason is not None:
+            controller.lost[reason] += 1
+        if controller.fifo:
+            controller.waiting.popleft()
+            if controller.waiting:
+                heappush(self.pending, controller.waiting[0])
+
+    def flush(self, port: Port, reason: str, sending: Entry | None) -> None:
+        """Drop what somebody has to send; what is being sent now is not sent again."""
+        controller = port.controller
+        own = sending if sending is not None and sending[1] == port.order else None
+        taken = self.take_all(port)
+        if own in taken:  # played bit by bit, it waits until it is confirmed
+            taken.remove(own)
+            self.put([own])
+        dropped = len(controller.waiting) - (own is not None) if controller.fifo else len(taken)
+        controller.waiting.clear()
+        if own is not None and controller.fifo:
+            controller.waiting.append(own)
+        controller.given_up = own
+        controller.queued -= dropped
+        controller.left += dropped
+        controller.lost[reason] += dropped
