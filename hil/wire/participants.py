@@ -38,7 +38,10 @@ def acceptance(filters: Sequence[Filter] | None, fd: bool) -> Acceptance:
 
 
 class Client:
-    """What timed clients and observers have in common: a connection, a controller, perhaps a status page."""
+    """What timed clients and observers have in common: a connection, a controller, perhaps a status page.
+
+    listen_only: what it asked for; None: it has not said.
+    """
 
     stores: Container[int] = NOTHING
 
@@ -48,7 +51,7 @@ class Client:
         self.connection = connection
         self.wakes_on: Container[int] = NOTHING
         self.heard = self.changes = 0
-        self.listen_only = hello.listen_only
+        self.listen_only: bool | None = hello.listen_only or None
         self.tasks: dict[int, PeriodicTask] = {}
         self.port = self._new_port()
         self.page: StatusPage | None = None
@@ -61,7 +64,7 @@ class Client:
         controller = port.controller
         controller.depth, controller.fifo = hello.depth, hello.fifo
         controller.one_shot, controller.discards = hello.one_shot, hello.discards
-        controller.listen_only = hello.listen_only
+        controller.listen_only = bool(self.listen_only)
         return port
 
     def _make_port(self) -> Port:
@@ -281,12 +284,13 @@ class Observer(Client):
         self.acceptance = NOTHING
 
     def renew(self) -> None:
-        """Begin anew in another session, with the same filters; periodic tasks end with the session."""
+        """Begin anew in another session, with the same filters; periodic tasks end with the session.
+
+        What it has not got yet it gets then: half of it may be on its way.
+        """
         self.port = self._new_port()
         self.tasks.clear()
-        self.frames.clear()
-        self._chunks.clear()
-        self._bytes = self.lost = 0
+        self.lost = 0
 
     @property
     def unsent(self) -> int:

@@ -167,10 +167,10 @@ class Server:
         deadline = time.monotonic() + LAST_FRAMES_S
         while any(observer.unsent for observer in self.observers) and time.monotonic() < deadline:
             self.poll(0.01)
-        for observer in self.observers:
+        kept, left = (self.observers, []) if keep_observers else ([], self.observers)
+        for observer in left:
             observer.lost += observer.unsent
-        kept = self.observers if keep_observers else []
-        leaving: list[Client] = [*self.timed.values(), *(each for each in self.observers if each not in kept)]
+        leaving: list[Client] = [*self.timed.values(), *left]
         for client in leaving:
             with suppress(Closed):
                 client.connection.send(protocol.END, reason.encode())
@@ -261,7 +261,7 @@ class Server:
     def _seat(self, channel: str, observer: Observer) -> None:
         """Let an observer watch from now on."""
         self._channels[observer.name] = channel
-        if self.expect:
+        if self.expect and observer.listen_only is None:
             observer.port.controller.listen_only = True
         if self._started:
             self.kernel_of(observer).adopt(observer.port)

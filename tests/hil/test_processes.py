@@ -304,11 +304,15 @@ def test_two_runs_at_the_same_time_leave_two_folders(hil: Any, short_settings: l
 
 
 def test_an_observer_stays_from_session_to_session(hil: Any) -> None:
+    """It hears, and has room in its transmit queue of ten, in each."""
     bus = hil.start("bus", "arm", "--expect", "dsp")
     bus.stdout.readline()
     witness = can.Bus(interface="hil", channel="arm", name="witness")
+    witness.state = can.BusState.ACTIVE  # it acknowledges: where clients are expected, who says nothing only listens
     try:
         for _ in range(2):
+            for number in range(8):
+                witness.send(can.Message(arbitration_id=0x700 + number, is_extended_id=False))
             # alone, the DSP hears no encoder, and says Stop after three cycles
             assert hil.run("node", "dsp").returncode == FaultError.exit_code
             while witness.recv(LIMIT_S).arbitration_id != 0x010:

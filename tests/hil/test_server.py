@@ -910,6 +910,66 @@ def test_observer_where_clients_are_expected_listens_only_until_it_sends(bench):
     assert sorted(sender for *_, sender in bench.log) == ["a", "eye"]
 
 
+def session(bench, listener, observers, *answers):
+    """A second session on the same channel, played to its end with a client of these answers; return its server."""
+    kernel, bench.log = watched()
+    kernel.join(Direct(Silent()))
+    bench.server = Server([Bus(listener, kernel)], ("a",), bench.on_wait, observers=observers)
+    bench.introduce("a", True, *answers)
+    bench.server.start()
+    bench.server.run(END_NS)
+    return bench.server
+
+
+def test_observer_stays_with_its_filters_for_the_next_session(bench):
+    """It is welcomed once; what it hears is a stream of whole messages."""
+    bench = bench(("a",))
+    eye, _, _ = bench.introduce("eye")
+    speaker, _, _ = bench.introduce("speaker")
+    eye.stream.sendall(configure(**FILTERS))
+    sending = (protocol.LEAVE, (0, None, [(0, 0x100, b""), (0, 0x101, b"")]))
+    bench.introduce("a", True, sending)
+    bench.start()
+    bench.server.run(END_NS)
+    observers = bench.server.end("the run is over", keep_observers=True)
+    second = session(bench, bench.listener, observers, (protocol.YIELD, (0, 5_000_000, [])), sending)
+    assert second.deterministic
+    assert second.lost_frames == 0
+    observers = second.end("the run is over", keep_observers=True)
+    speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x100, b"new")]))
+    third = session(bench, bench.listener, observers, (protocol.YIELD, (0, None, [])))
+    assert not third.deterministic
+    assert [(identifier, data, sender) for _, identifier, data, sender in bench.log] == [(0x100, b"new", "speaker")]
+    third.end("enough")
+    heard = messages(eye)
+    assert [(identifier, data) for _, identifier, data in frames_in(heard)] == [
+        (0x100, b""),
+        (0x100, b""),
+        (0x100, b"new"),
+    ]
+    assert [kind for kind, _ in heard] == [protocol.FRAMES] * 3 + [protocol.END]
+
+
+def test_slow_observer_gets_the_rest_in_the_next_session(slow, monkeypatch):
+    bench, client = slow
+    monkeypatch.setattr(participants_module, "OBSERVER_BYTES", 1 << 20)
+    bench.start()
+    bench.server.run(1_000_000_000)
+    seconds = iter(range(1000))
+    with monkeypatch.context() as patch:
+        patch.setattr(server_module, "time", SimpleNamespace(monotonic=lambda: float(next(seconds))))
+        observers = bench.server.end("", keep_observers=True)
+    first, heard = bench.log, []
+    assert observers[0][1].unsent
+    assert bench.server.lost_frames == 0
+    second = session(bench, bench.listener, observers, (protocol.LEAVE, (0, None, [(0, 0x100, b"new")])))
+    reader = threading.Thread(target=lambda: heard.extend(messages(client)))
+    reader.start()
+    second.end("enough")
+    reader.join()
+    assert frames_in(heard) == [frame[:3] for frame in first + bench.log]
+
+
 # -- clients that leave --
 
 
