@@ -8,6 +8,7 @@ Ref: personality(2).
 """
 
 import ctypes
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,6 +29,16 @@ def fixed_addresses() -> Iterator[None]:
         yield
     finally:
         _personality(before)
+
+
+def restart_at_fixed_addresses() -> None:
+    """Start this program again where its nodes will be, unless it is there already or that cannot be had."""
+    before = _personality(ASK)
+    if before < 0 or before & ADDR_NO_RANDOMIZE:
+        return
+    _personality(before | ADDR_NO_RANDOMIZE)
+    if _personality(ASK) & ADDR_NO_RANDOMIZE:
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
 
 def _personality(persona: int) -> int:

@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal, NoReturn, ParamSpec
 
 import typer
 
+from hil.addresses import restart_at_fixed_addresses
 from hil.errors import ChannelError, FaultError, HilError, OutputError
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
@@ -244,6 +245,8 @@ def version(
 
 def main() -> None:
     """Be the command `hil`; output that nobody can take is an error of its own."""
+    if sys.argv[1:2] in (["run"], ["bus"], ["node"]):
+        restart_at_fixed_addresses()
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (for the whole process)
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115 (as above)
     try:

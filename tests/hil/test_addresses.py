@@ -29,3 +29,17 @@ def test_where_there_is_no_such_switch_nothing_happens(monkeypatch: pytest.Monke
     monkeypatch.setattr(sys, "platform", "darwin")
     with fixed_addresses():
         assert _personality(ASK) == -1
+
+
+@pytest.mark.skipif(not PERSONA.exists(), reason="no personalities here")
+def test_a_program_starts_again_at_fixed_addresses_once_and_as_the_same_process() -> None:
+    program = (
+        "import os, sys; from hil.addresses import *; print(os.getpid(), sys.argv, flush=True); "
+        "restart_at_fixed_addresses(); print('goes on')"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", program, "a word"], check=True, capture_output=True, text=True
+    ).stdout.splitlines()
+    with fixed_addresses():
+        forbidden = not _personality(ASK) & ADDR_NO_RANDOMIZE
+    assert said == [said[0]] * (1 if forbidden else 2) + ["goes on"]
