@@ -18,7 +18,7 @@ from hil.wire.channel import Listener
 from hil.wire.fault import Fault
 from hil.wire.faults import FaultScript
 from hil.wire.kernel import Kernel
-from hil.wire.participants import Observer
+from hil.wire.observer import Observer
 from hil.wire.protocol import FAR_NS
 from hil.wire.rates import Rates
 from hil.wire.server import Bus, Server

@@ -1,10 +1,9 @@
-"""The clients of a channel as the bus keeps them: those that time waits for, and observers."""
+"""The clients of a channel as the bus keeps them, and those of them that time waits for."""
 
 import os
 import socket
 import struct
 import time
-from collections import deque
 from collections.abc import Callable, Container, Sequence
 from contextlib import suppress
 
@@ -14,15 +13,12 @@ from hil.wire import protocol, status_page
 from hil.wire.acceptance import NOTHING, Acceptance
 from hil.wire.hello import Change, Filter, Hello, check
 from hil.wire.periodic import PeriodicTask
-from hil.wire.port import ALL_ERRORS, IGNORES, NO_ERRORS, OWN_ERRORS, WATCHES, Arrival, Port
+from hil.wire.port import ALL_ERRORS, NO_ERRORS, OWN_ERRORS, Arrival, Port
 from hil.wire.protocol import Closed, Connection, ProtocolError
 from hil.wire.status_page import Status, StatusPage
 
 WAIT_S = 0.25
 """Wall time after which a waiting bus says so, and looks whether it should go on."""
-OBSERVER_BYTES = 64 << 20
-"""What is kept for an observer that reads too slowly; more is lost, and counted."""
-FRAMES_A_CHUNK = 4096
 TASKS = 256
 """Periodic tasks of one client."""
 
@@ -231,102 +227,3 @@ class TimedClient(Client):
             except BlockingIOError:
                 since = time.monotonic() - WAIT_S if since is None else since
                 self._on_wait(self.name, time.monotonic() - since)
-
-
-class _Window(Port):
-    """The port of an observer: it takes frames without ever being waited for."""
-
-    participant: "Observer"
-
-    def accepts(self, identifier: int) -> int:
-        """Return what it does with frames of this identifier."""
-        return WATCHES if identifier in self.participant.acceptance else IGNORES
-
-    def watch(self, arrival: Arrival) -> None:
-        """Keep a frame for the next flush."""
-        self.participant.frames.append(arrival)
-
-    def hear(self, arrival: Arrival) -> None:
-        """Keep an error frame for the next flush."""
-        self.participant.frames.append(arrival)
-
-
-class Observer(Client):
-    """A client that is never waited for: frames are kept for it, up to a bound, and sent as its socket takes them."""
-
-    def __init__(self, hello: Hello, connection: Connection) -> None:
-        super().__init__(hello, connection)
-        self.acceptance: Container[int] = acceptance(hello.filters, hello.fd)
-        self.frames: list[Arrival] = []
-        self.early: list[tuple[int, bytes]] = []
-        self.lost = 0
-        self._chunks: deque[tuple[bytes, int]] = deque()
-        self._bytes = 0
-
-    def _make_port(self) -> Port:
-        return _Window(self)
-
-    def set_filters(self, acceptance: Acceptance) -> None:
-        """See these frames from now on."""
-        self.acceptance = acceptance
-
-    def start(self, _now_ns: int) -> Reaction:
-        """Do nothing: nobody waits for it."""
-        return SILENT
-
-    def wake(self, _now_ns: int, _stored: list[Arrival], _cause: Arrival | None) -> Reaction:
-        """Do nothing: nobody waits for it."""
-        return SILENT
-
-    def retire(self) -> None:
-        """Take no more part than to see its frames out."""
-        super().retire()
-        self.acceptance = NOTHING
-
-    def renew(self) -> None:
-        """Begin anew in another session, with the same filters; periodic tasks end with the session.
-
-        What it has not got yet it gets then: half of it may be on its way.
-        """
-        self.port = self._new_port()
-        self.tasks.clear()
-        self.lost = 0
-
-    @property
-    def unsent(self) -> int:
-        """Frames that it has not got yet."""
-        return len(self.frames) + sum(count for _, count in self._chunks)
-
-    def flush(self) -> None:
-        """Hand over what the socket takes without waiting; raise Closed if nobody is there."""
-        self.publish()
-        self._pack()
-        with suppress(BlockingIOError):
-            while self._chunks:
-                chunk, count = self._chunks[0]
-                sent = self._send(chunk)
-                self._bytes -= sent
-                if sent == len(chunk):
-                    self._chunks.popleft()
-                else:
-                    self._chunks[0] = chunk[sent:], count
-
-    def _pack(self) -> None:
-        """Make chunks of the frames: each frame a message, so that the socket is readable while there are more."""
-        for first in range(0, len(self.frames), FRAMES_A_CHUNK):
-            frames = self.frames[first : first + FRAMES_A_CHUNK]
-            if self._bytes > OBSERVER_BYTES:
-                self.lost += len(frames)
-                continue
-            chunk = b"".join([protocol.message(protocol.FRAMES, protocol.encode_frames([frame])) for frame in frames])
-            self._chunks.append((chunk, len(frames)))
-            self._bytes += len(chunk)
-        self.frames.clear()
-
-    def _send(self, chunk: bytes) -> int:
-        try:
-            return self.connection.stream.send(chunk)
-        except BlockingIOError:
-            raise
-        except OSError as error:
-            raise Closed from error

@@ -21,18 +21,16 @@ from hil.wire.channel import Listener
 from hil.wire.door import Door, refuse
 from hil.wire.events import BusEvent, error_frame
 from hil.wire.hello import Hello
-from hil.wire.identifier import refusal
 from hil.wire.kernel import Kernel
-from hil.wire.participants import Client, Observer, OnWait, TimedClient
-from hil.wire.port import ALL_ERRORS, OWN_ERRORS, Arrival
+from hil.wire.observer import Observer
+from hil.wire.participants import Client, OnWait, TimedClient
+from hil.wire.port import ALL_ERRORS, OWN_ERRORS
 from hil.wire.protocol import FAR_NS, Closed, Connection, ProtocolError
 
 SLICE_NS = 5_000_000
 """Virtual time between two looks at the connections."""
 LAST_FRAMES_S = 5.0
 """Wall time that observers have at the end to take what is left for them."""
-EARLY_MESSAGES = 256
-"""What an observer may ask for before time begins."""
 IDLE_S = 0.1
 """Wall time of one wait where nothing is due."""
 
@@ -66,7 +64,7 @@ class Server:
         self.agenda = buses[0].kernel.agenda
         self.expect = tuple(expect)
         self.pace = pace or Pace()
-        self.deterministic = True
+        self._undisturbed = True
         self.timed: dict[str, TimedClient] = {}
         self.observers: list[Observer] = []
         self.died: list[str] = []
@@ -182,6 +180,11 @@ class Server:
         return [(self._channels[observer.name], observer) for observer in kept]
 
     @property
+    def deterministic(self) -> bool:
+        """Whether no observer has done anything at an instant that the machine chose."""
+        return self._undisturbed and not any(observer.spoke for observer in self.observers)
+
+    @property
     def lost_frames(self) -> int:
         """Frames that observers were too slow to take."""
         return self._lost_by_departed + sum(observer.lost for observer in self.observers)
@@ -275,6 +278,7 @@ class Server:
         observer.close()
         self.observers.remove(observer)
         self._lost_by_departed += observer.lost
+        self._undisturbed &= not observer.spoke
         if self._started:
             self.kernel_of(observer).retire(observer.port)
 
@@ -297,7 +301,7 @@ class Server:
             if fill:
                 observer.connection.fill()
             while (message := observer.connection.next_message()) is not None:
-                self._take(observer, *message)
+                observer.obey(*message, self._started)
         except BlockingIOError:
             return
         except ProtocolError as error:
@@ -311,46 +315,10 @@ class Server:
         early, observer.early = observer.early, []
         try:
             for kind, body in early:
-                self._take(observer, kind, body)
+                observer.obey(kind, body, True)
         except ProtocolError as error:
             refuse(observer.connection, str(error))
             self._dismiss(observer)
-
-    def _take(self, observer: Observer, kind: int, body: bytes) -> None:
-        if kind == protocol.LEAVE:
-            raise Closed
-        if kind not in (protocol.SEND, protocol.CONFIGURE):
-            raise ProtocolError(f"message {kind} from an observer")
-        if not self._started:
-            if len(observer.early) >= EARLY_MESSAGES:
-                raise ProtocolError(f"more than {EARLY_MESSAGES} messages before time begins")
-            observer.early.append((kind, body))
-            return
-        if kind == protocol.SEND:
-            self._queue(observer, protocol.decode_frames(body))
-            return
-        change = observer.configure(body)
-        if change.listen_only is not None:
-            self.deterministic = False
-        if change.periodic is not None:
-            self._let_speak(observer)
-
-    def _let_speak(self, observer: Observer) -> None:
-        """Let an observer take part that listens only because it had nothing to say."""
-        self.deterministic = False
-        if observer.port.controller.listen_only and not observer.listen_only:
-            observer.port.medium.listen_only(observer.port, False)
-
-    def _queue(self, observer: Observer, frames: list[Arrival]) -> None:
-        """Queue its frames now."""
-        kernel = self.kernel_of(observer)
-        self._let_speak(observer)
-        for _, identifier, data in frames:
-            reason = refusal(identifier, len(data), kernel.rates.fd)
-            if reason:
-                raise ProtocolError(reason)
-            observer.port.queue((identifier, data))  # now, so that the status page knows
-        observer.heard += len(frames)
 
     def _tell_error(self, event: BusEvent) -> None:
         """Show an event as an error frame to whoever listens for those."""

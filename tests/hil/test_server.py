@@ -17,8 +17,9 @@ import pytest
 
 from hil.drive import Direct
 from hil.errors import NodeError
-from hil.wire import channel, protocol
+from hil.wire import channel, control, protocol
 from hil.wire import door as door_module
+from hil.wire import observer as observer_module
 from hil.wire import participants as participants_module
 from hil.wire import server as server_module
 from hil.wire.agenda import Agenda
@@ -629,7 +630,7 @@ def test_frames_that_find_no_room_are_lost_and_counted(bench):
     stored, port = stored_by(bench, 100)
     assert stored == [(end_ns, identifier, data) for end_ns, identifier, data, _ in bench.log[:64]]
     assert port.controller.lost == {"receive overrun": 36}
-    assert bench.server.status()["nodes"]["store"]["lost"] == {"receive overrun": 36}
+    assert control.status(bench.server)["nodes"]["store"]["lost"] == {"receive overrun": 36}
 
 
 def _grants(client):
@@ -729,7 +730,7 @@ def test_observer_that_leaves_or_dies_is_forgotten(bench):
 @pytest.fixture
 def slow(bench, monkeypatch):
     """A bench with an observer that does not read, and little kept for it."""
-    monkeypatch.setattr(participants_module, "OBSERVER_BYTES", 1000)
+    monkeypatch.setattr(observer_module, "OBSERVER_BYTES", 1000)
     bench = bench(inline=[Chatter(2000)])
     client, _, _ = bench.introduce("slow")
     bench.server.observers[0].connection.stream.setsockopt(
@@ -850,7 +851,7 @@ def test_frames_of_an_observer_before_the_start_find_ten_places(bench):
     bench.start()
     bench.server.run(END_NS)
     assert [identifier for _, identifier, _, _ in bench.log] == list(range(0x100, 0x10A))
-    assert bench.server.status()["nodes"]["speaker"]["lost"] == {"transmit queue full": 3}
+    assert control.status(bench.server)["nodes"]["speaker"]["lost"] == {"transmit queue full": 3}
 
 
 @pytest.mark.parametrize("when", ["before the start", "later"])
@@ -875,7 +876,7 @@ def test_nonsense_is_shown_out_before_the_start_as_later(bench, words, when):
 def test_observer_that_says_too_much_before_the_start_is_shown_out(bench):
     bench = bench(("a",))
     fool, _, _ = bench.introduce("fool")
-    fool.stream.sendall(configure(flush=True) * (server_module.EARLY_MESSAGES + 1))
+    fool.stream.sendall(configure(flush=True) * (observer_module.EARLY_MESSAGES + 1))
     kind, reason = bench.answer(fool)
     assert (kind, b"more than 256 messages before time begins" in reason) == (protocol.REFUSED, True)
     assert messages(fool) == []
@@ -902,7 +903,7 @@ def test_observer_where_clients_are_expected_listens_only_until_it_sends(bench):
     bench.start()
     bench.server.run(5_000_000)
     assert bench.log == []
-    assert bench.server.status()["nodes"]["a"]["state"] == "error-passive"
+    assert control.status(bench.server)["nodes"]["a"]["state"] == "error-passive"
     eye.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
     while bench.server.deterministic:
         bench.server.poll(0.1)
@@ -952,7 +953,7 @@ def test_observer_stays_with_its_filters_for_the_next_session(bench):
 
 def test_slow_observer_gets_the_rest_in_the_next_session(slow, monkeypatch):
     bench, client = slow
-    monkeypatch.setattr(participants_module, "OBSERVER_BYTES", 1 << 20)
+    monkeypatch.setattr(observer_module, "OBSERVER_BYTES", 1 << 20)
     bench.start()
     bench.server.run(1_000_000_000)
     seconds = iter(range(1000))
@@ -994,7 +995,7 @@ def test_last_words_may_take_a_while(bench, delay_ns):
     bench.start()
     bench.server.run(END_NS)
     assert [(identifier, data, sender) for _, identifier, data, sender in bench.log] == [(0x100, b"bye", "a")]
-    assert "a" not in bench.server.status()["nodes"]
+    assert "a" not in control.status(bench.server)["nodes"]
 
 
 @pytest.mark.parametrize("trouble", ["a task without end", "a frame that nobody acknowledges"])
@@ -1025,8 +1026,9 @@ def test_client_that_dies_is_removed_and_counted_where_the_others_go_on(bench):
     bench.gather()
     bench.start()
     bench.server.run(END_NS)
-    assert bench.server.died == bench.server.status()["died"] == ["ping is gone: its connection to the bus broke"]
-    assert sorted(bench.server.status()["nodes"]) == ["pong", "silent"]
+    status = control.status(bench.server)
+    assert bench.server.died == status["died"] == ["ping is gone: its connection to the bus broke"]
+    assert sorted(status["nodes"]) == ["pong", "silent"]
     assert [sender for *_, sender in bench.log].count("a") == 39
     mine = [frame for frame in bench.log if frame[3] != "a"]
     assert len(mine) > 9
@@ -1073,7 +1075,7 @@ def test_buses_of_one_server_share_their_time(bench):
     server.run(1_000_000)
     bits = frame_bits(0x100, b"")
     assert log == [("left", bits * 1000, 0x100, b"", "a"), ("right", bits * 2000, 0x100, b"", "b")]
-    assert {name: node["channel"] for name, node in server.status()["nodes"].items()} == {
+    assert {name: node["channel"] for name, node in control.status(server)["nodes"].items()} == {
         "a": "left", "b": "right", "c": "left", "d": "right",
     }  # fmt: skip
     server.end("")
