@@ -10,7 +10,7 @@ import pytest
 
 from hil.drive import Direct
 from hil.errors import NodeError
-from hil.wire import duration, protocol
+from hil.wire import control, duration, protocol
 from hil.wire.bits import frame_bits
 from hil.wire.channel import Listener
 from hil.wire.identifier import BRS, FD
@@ -394,7 +394,7 @@ def test_filters_select_at_the_bus(wire, join):
     late.set_filters([{"can_id": 0x200, "can_mask": 0x7FF}])
     join("third", can_filters=[{"can_id": 0x700, "can_mask": 0x7FF}])
     wire.end()
-    received_by_bus = {name: node["received"] for name, node in wire.server.status()["nodes"].items()}
+    received_by_bus = {name: node["received"] for name, node in control.status(wire.server)["nodes"].items()}
     assert received_by_bus == {"metronome": 0, "silent": 0, "eye": 60, "late": 30, "third": 0}
     assert [message.arbitration_id for message in received(eye)] == [0x100, 0x101] * 30
     assert [message.arbitration_id for message in received(late)] == [0x200] * 30
