@@ -1,6 +1,7 @@
 """The wire as python-can sees it, through its entry point: virtual time in `recv` and in every timestamp."""
 
 import asyncio
+import errno
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -9,11 +10,14 @@ import pytest
 
 from hil.drive import Direct
 from hil.errors import NodeError
-from hil.wire import protocol
+from hil.wire import control, duration, protocol
 from hil.wire.bits import frame_bits
 from hil.wire.channel import Listener
+from hil.wire.identifier import BRS, FD
+from hil.wire.interface import HilBus
 from hil.wire.kernel import Kernel
-from hil.wire.server import Server
+from hil.wire.rates import Rates
+from hil.wire.server import Bus, Server
 
 pytestmark = pytest.mark.usefixtures("bounded", "runtime")
 
@@ -42,18 +46,26 @@ class Metronome:
         return 0, timer_ns, [(0, identifier, self.sent.to_bytes(4, "big"))]
 
 
+class Silent:
+    """Does nothing but acknowledge."""
+
+    name, wakes_on, stores, finished = "silent", (), (), False
+
+    def on_start(self, _now_ns):
+        return 0, None, []
+
+
 class Wire:
     """The channel `arm`, served by a thread: it waits for its clients, runs, shows all frames, and ends
     when told, or where a timed client would wait for more."""
 
-    def __init__(self, expect=(), observers=0, inline=(), end_ns=END_NS):
-        self.kernel = Kernel(BIT_NS)
+    def __init__(self, expect=(), observers=0, inline=(), end_ns=END_NS, data_bit_ns=None):
+        self.kernel = Kernel(BIT_NS, data_bit_ns=data_bit_ns)
         self.log = []
         self.kernel.watchers.append(lambda *frame: self.log.append(frame))
-        for node in inline:
-            self.kernel.join(Direct(node))
+        self.inline = [self.kernel.join(Direct(node)) for node in (*inline, Silent())]
         self.listener = Listener("arm")
-        self.server = Server(self.listener, self.kernel, expect, self.on_wait)
+        self.server = Server([Bus(self.listener, self.kernel)], expect, self.on_wait)
         self.observers, self.end_ns = observers, end_ns
         self.shown, self.over, self.error = threading.Event(), threading.Event(), None
         self.thread = threading.Thread(target=self.serve, daemon=True)
@@ -70,6 +82,8 @@ class Wire:
                 server.poll(0.02)
             if not server.missing():
                 server.start()
+                for port in self.inline:
+                    port.begin()
                 server.run(self.end_ns)
             while any(observer.frames or observer.unsent for observer in server.observers):
                 server.poll(0.02)
@@ -216,9 +230,9 @@ def test_timeout_is_virtual_though_filtered_frames_come_meanwhile(wire, join):
 
 
 def test_send_takes_no_time(wire, join):
-    """Three frames sent one after the other enter the same arbitration."""
+    """Three frames sent one after the other enter the same arbitration, unless the queue is first-in-first-out."""
     wire = wire(("a",))
-    a = join("a", True)
+    a = join("a", True, fifo=False)
     for identifier in (0x300, 0x100, 0x200):
         a.send(standard(identifier))
     assert a.recv(timeout=0.1) is None
@@ -372,12 +386,16 @@ def test_observer_by_a_notifier_of_an_event_loop(wire, join):
     assert len(heard) == 100
 
 
-def test_filters_of_the_base_class_select(wire, join):
-    wire = wire(observers=2, inline=[Metronome(90, (0x100, 0x101, 0x200))], end_ns=SECOND_NS)
+def test_filters_select_at_the_bus(wire, join):
+    """Those given at the start, and those that are set before somebody comes for whom time waits."""
+    wire = wire(observers=3, inline=[Metronome(90, (0x100, 0x101, 0x200))], end_ns=SECOND_NS)
     eye = join("eye", can_filters=[{"can_id": 0x100, "can_mask": 0x7FE, "extended": False}])
     late = join("late")
     late.set_filters([{"can_id": 0x200, "can_mask": 0x7FF}])
+    join("third", can_filters=[{"can_id": 0x700, "can_mask": 0x7FF}])
     wire.end()
+    received_by_bus = {name: node["received"] for name, node in control.status(wire.server)["nodes"].items()}
+    assert received_by_bus == {"metronome": 0, "silent": 0, "eye": 60, "late": 30, "third": 0}
     assert [message.arbitration_id for message in received(eye)] == [0x100, 0x101] * 30
     assert [message.arbitration_id for message in received(late)] == [0x200] * 30
 
@@ -444,11 +462,165 @@ def test_timed_client_that_nobody_expects_is_an_initialization_error(wire, join)
         join("b", True)
 
 
-@pytest.mark.parametrize("option", ["fd", "receive_own_messages"])
-def test_option_that_is_not_supported_is_refused(wire, join, option):
+def test_fd_where_the_bus_is_classic_is_an_initialization_error_with_the_cure(wire, join):
     wire(observers=2)
-    with pytest.raises((can.CanInitializationError, TypeError, ValueError), match=option):
-        join("eye", **{option: True})
+    with pytest.raises(can.CanInitializationError, match="--data-bitrate"):
+        join("eye", fd=True)
+
+
+@pytest.mark.parametrize(
+    ("rates", "text"),
+    [
+        ({"bitrate": 500_000}, "bitrate = 500000 bit/s, but the bus runs at 1000000 bit/s: give the same"),
+        ({"fd": True, "bitrate": 1_000_000, "data_bitrate": 4_000_000}, "data_bitrate = 4000000 .* runs at 2000000"),
+        ({"bitrate": 300_000}, "a bit lasts 3333.333 ns, which is no whole number; take 1000000"),
+        ({"bitrate": 0}, "it must be above 0"),
+    ],
+)
+def test_bit_rate_that_is_not_the_bus_s_is_an_initialization_error_with_both(wire, join, rates, text):
+    wire(observers=2, data_bit_ns=500)
+    with pytest.raises(can.CanInitializationError, match=text):
+        join("eye", **rates)
+    join("eye", fd=True, bitrate=1_000_000, data_bitrate=2_000_000)
+
+
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("own", [True, "true", False])
+def test_own_messages_come_back_at_their_end_if_wanted(wire, join, own, timed):
+    """As sent ones, not received; to whoever sent them alone."""
+    wire = wire(("a",), observers=1)
+    a, eye = join("a", True, receive_own_messages=own and timed), join("eye", receive_own_messages=own and not timed)
+    (a if timed else eye).send(standard(0x123, b"own"))
+    by_a = []
+    while not wire.log:
+        by_a.append(a.recv(timeout=0.01))
+    a.shutdown()
+    ((end_ns, *_),) = wire.end()
+    by_a = [message for message in by_a if message is not None]
+    mine, others = (by_a, received(eye)) if timed else (received(eye), by_a)
+    assert [(ns(message), message.is_rx) for message in others] == [(end_ns, True)]
+    assert [(ns(message), message.is_rx) for message in mine] == ([(end_ns, False)] if own else [])
+
+
+@pytest.mark.parametrize("fast", [True, False])
+@pytest.mark.parametrize("length", [0, 8, 12, 64])
+def test_fd_frame_arrives_as_it_was_sent_when_its_bits_are_over(wire, join, fast, length):
+    message = can.Message(
+        arbitration_id=0x123, is_extended_id=False, is_fd=True, bitrate_switch=fast, data=bytes(range(length))
+    )
+    wire = wire(("a",), observers=1, end_ns=SECOND_NS, data_bit_ns=125)
+    a, eye = join("a", True, fd=True), join("eye", fd=True)
+    a.send(message)
+    assert a.recv(timeout=0.5) is None
+    a.shutdown()
+    heard = eye.recv(GUARD_S)
+    assert heard.equals(message, timestamp_delta=None, check_channel=False, check_direction=False)
+    identifier = 0x123 | FD | (BRS if fast else 0)
+    assert ns(heard) == wire.end()[0][0] == duration.duration_ns(identifier, bytes(range(length)), Rates(BIT_NS, 125))
+
+
+def test_fd_client_hears_both_kinds_and_a_classic_one_only_its_own(wire, join):
+    wire = wire(("a",), observers=2, end_ns=SECOND_NS, data_bit_ns=500)
+    a, modern, classic = join("a", True, fd=True), join("modern", fd=True), join("classic")
+    a.send(can.Message(arbitration_id=0x100, is_extended_id=False, is_fd=True, data=bytes(16)))
+    a.send(standard(0x101))
+    assert a.recv(timeout=0.5) is None
+    a.shutdown()
+    wire.end()
+    assert [message.arbitration_id for message in received(modern)] == [0x100, 0x101]
+    assert [message.arbitration_id for message in received(classic)] == [0x101]
+    with pytest.raises(can.CanOperationError, match="CAN FD"):
+        classic.send(FD_MESSAGE)
+
+
+def test_periodic_task_of_a_timed_client_is_exact_in_virtual_time(wire, join):
+    """Short: tests/hil/test_periodic.py has the rest."""
+    wire = wire(("a",))
+    a = join("a", True)
+    task = a.send_periodic(standard(0x100, b"\x01"), period=0.01)
+    assert a.recv(timeout=0.025) is None
+    task.modify_data(standard(0x100, b"\x02"))
+    assert a.recv(timeout=0.02) is None
+    task.stop()
+    assert a.recv(timeout=0.05) is None
+    a.shutdown()
+    log = wire.end()
+    lasts = {number: duration_ns(0x100, bytes([number])) for number in (1, 2)}
+    assert [(end_ns - lasts[data[0]], data) for end_ns, _, data, _ in log] == [
+        (number * 10_000_000, b"\x01" if number < 3 else b"\x02") for number in range(5)
+    ]
+
+
+def test_modifier_of_a_periodic_task_needs_wall_time(wire, join):
+    wire(("a",))
+    with pytest.raises(can.CanOperationError, match="use modify_data"):
+        join("a", True).send_periodic(standard(0x100), 0.01, modifier_callback=print)
+
+
+def test_flushed_frames_of_a_timed_client_are_not_sent(wire, join):
+    wire = wire(("a",))
+    a = join("a", True)
+    for number in range(10):
+        a.send(standard(0x100 + number))
+    a.flush_tx_buffer()
+    for number in range(10):
+        a.send(standard(0x200 + number))
+    assert a.recv(timeout=0.1) is None
+    a.shutdown()
+    assert [identifier for _, identifier, _, _ in wire.end()] == list(range(0x200, 0x20A))
+
+
+@pytest.mark.parametrize("depth", [1, 10, 100])
+def test_send_into_a_full_queue_is_an_operation_error_and_room_comes_with_time(wire, join, depth):
+    wire = wire(("a",))
+    a = join("a", True, queue_depth=depth)
+    for _ in range(2):
+        for _ in range(depth):
+            a.send(standard(0x100))
+        with pytest.raises(can.CanOperationError, match=f"the transmit queue of {depth} frames is full") as full:
+            a.send(standard(0x000))
+        assert full.value.error_code == errno.ENOBUFS
+        assert a.recv(timeout=0.1) is None
+    a.shutdown()
+    assert len(wire.end()) == 2 * depth
+
+
+def test_state_follows_the_error_counters(wire, join):
+    """The other node on the bus listens only until 50 ms: nobody acknowledges."""
+    wire = wire(("a",))
+    wire.inline[0].controller.listen_only = True
+    wire.kernel.medium.assess()
+    a = join("a", True)
+    assert a.state == can.BusState.ACTIVE
+    a.send(standard(0x100))
+    assert a.recv(timeout=0.001).is_error_frame
+    while (message := a.recv(timeout=0.05)) is not None:
+        assert message.is_error_frame
+    assert a.state == can.BusState.PASSIVE
+    a.shutdown()
+    assert wire.end() == []
+
+
+@pytest.mark.parametrize("how", ["option", "state"])
+def test_who_listens_only_hears_and_does_not_send(wire, join, how):
+    wire = wire(("a",), inline=[Metronome(1)])
+    a = join("a", True, listen_only=how == "option")
+    if how == "state":
+        a.state = can.BusState.PASSIVE
+    assert a.state == can.BusState.PASSIVE
+    with pytest.raises(can.CanOperationError, match=r"state = can.BusState.ACTIVE"):
+        a.send(standard(0x200))
+    assert a.recv(timeout=0.01).arbitration_id == 0x100
+    a.state = can.BusState.ACTIVE
+    a.send(standard(0x200))
+    assert a.recv(timeout=0.01) is None
+    a.shutdown()
+    assert [identifier for _, identifier, _, _ in wire.end()] == [0x100, 0x200]
+
+
+def test_bus_cannot_be_put_into_error():
+    with pytest.raises(ValueError, match="gets there by errors"):
+        HilBus.state.fset(None, can.BusState.ERROR)
 
 
 def test_client_may_come_before_the_bus(wire, join):
