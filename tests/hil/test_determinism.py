@@ -1,7 +1,7 @@
-"""The same bus fifty times: as fast as it goes and at real time, with clients as threads and as processes that are stopped.
+"""The same bus fifty times: at any pace, with clients as threads and as processes that are stopped now and then.
 
-Three timed clients contend for the bus, under bit errors by a seed; what is compared is every frame and every error with
-its instant. The machine decides nothing but how long it takes.
+Three timed clients contend for the bus, under bit errors by a seed; what is compared is every frame and every error
+with its instant. The machine decides nothing but how long it takes.
 """
 
 import hashlib
@@ -78,8 +78,7 @@ def serve(start: Callable[[], None], pace: float) -> str:
 def in_threads(pace: float) -> str:
     with ThreadPoolExecutor(len(NAMES)) as pool:
         playing: list[object] = []
-        found = serve(lambda: playing.extend(pool.submit(client, name) for name in NAMES), pace)
-    return found
+        return serve(lambda: playing.extend(pool.submit(client, name) for name in NAMES), pace)
 
 
 def in_processes(pace: float, stopped: int) -> str:
