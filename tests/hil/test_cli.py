@@ -226,6 +226,15 @@ def test_a_bus_is_paused_stepped_and_goes_on(options: list[str], hil: Any) -> No
     at(hil, lambda status: status["now_ns"] > stepped_ns + 50_000_000)
 
 
+@pytest.mark.parametrize("options", [["--pace", "1"], []])
+def test_a_bus_keeps_the_pace_that_it_is_told(options: list[str], hil: Any) -> None:
+    hil.bus("arm", *options)
+    assert clock(hil, "pace", "1000")["pace"] == 1000.0
+    later = at(hil, lambda status: status["now_ns"] > 100_000_000_000)
+    assert later["pace"] == 1000.0
+    assert clock(hil, "pace")["pace"] is None
+
+
 def test_a_bus_says_whom_it_waits_for(hil: Any) -> None:
     hil.bus("arm", "--expect", "slow,late")
     assert clock(hil)["missing"] == ["slow", "late"]
