@@ -161,7 +161,8 @@ def bus(
     try:
         bits = rates.of_bitrates(bitrate, data_bitrate)
     except ValueError as error:
-        raise typer.BadParameter(f"--bitrate {bitrate} --data-bitrate {data_bitrate}: {error}") from None
+        given = f"--bitrate {bitrate}" + ("" if data_bitrate is None else f" --data-bitrate {data_bitrate}")
+        raise typer.BadParameter(f"{given}: {error}") from None
     names = list(dict.fromkeys(channels or ["arm"]))
     functional = fidelity == "functional"
     script = () if faults is None else fault_file.load(faults, functional, bits.fd)

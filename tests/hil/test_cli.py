@@ -3,12 +3,19 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
+
+from hil.wire import channel
 
 NUMBERS = (
     "simulated_s", "wall_s", "startup_s", "cycles", "frames", "lost_frames", "deadline_misses", "saturations",
@@ -134,7 +141,20 @@ def test_each_family_of_errors_has_its_message_and_its_exit_code(
 
 @pytest.mark.parametrize(
     "words",
-    [["run", "--nonsense"], ["fly"], ["node", "joint", "x"], ["run", "--patience", "0"], ["bus", "--bitrate", "1"]],
+    [
+        ["run", "--nonsense"],
+        ["fly"],
+        ["node", "joint", "x"],
+        ["run", "--patience", "0"],
+        ["bus", "--bitrate", "1"],
+        ["bus", "--data-bitrate", "1"],
+        ["bus", "--pace", "0"],
+        ["bus", "--pace", "-1"],
+        ["bus", "--seed", "-1"],
+        ["clock", "arm", "stop"],
+        ["clock", "arm", "step", "soon"],
+        ["clock", "arm", "status", "pause", "step"],
+    ],
 )
 def test_wrong_usage_ends_with_2(words: list[str], hil: Any) -> None:
     run = hil.run(*words)
@@ -150,15 +170,147 @@ def test_wrong_usage_ends_with_2(words: list[str], hil: Any) -> None:
         (["node", "plant", "-i", "socketcan"], 4, r"interface 'socketcan': only 'hil' has the virtual time"),
         (["node", "joint", "7"], 3, r"no node 'joint7': this scenario has plant, dsp, joint1, joint2, joint3"),
         (["node", "cook"], 3, r"no node 'cook'"),
-        (["bus", "--bitrate", "300007"], 2, r"a bit lasts 3333.256 ns, which is no"),
+        (["bus", "--bitrate", "300007"], 2, r"value: --bitrate 300007: a bit lasts 3333.256 ns, which is no whole"),
+        (["bus", "--data-bitrate", "3000000"], 2, r"--data-bitrate 3000000: a bit lasts 333.333 ns, which is no whole"),
+        (["bus", "--bitrate", "500000", "--data-bitrate", "250000"], 2, r"data bit rate 250000 is below the nominal"),
+        (["bus", "arm", "no/where"], 4, r"channel 'no/where': a name has 1 to 41 letters"),
+        (["bus", "--faults", "missing.toml"], 3, r"missing.toml"),
+        (["clock", "nowhere"], 4, r"channel 'nowhere': no bus is running there; start one with `hil bus nowhere`"),
+        (["clock", "arm", "pause", "3"], 2, r"pause 3.0: step and pace take a number from 1e-9 to 1e6, the others"),
+        (["clock", "arm", "status", "3"], 2, r"status 3.0: step and pace take"),
+        (["clock", "arm", "step", "0"], 2, r"step 0.0: step and pace take a number from 1e-9"),
+        (["clock", "arm", "step", "nan"], 2, r"step nan: step and pace take"),
+        (["clock", "arm", "pace", "2e6"], 2, r"pace 2000000.0: step and pace take"),
         (["bus", "--fidelity", "some"], 2, r"'some' is not one of 'bits',"),
         (["node", "joint"], 2, r"write plant, dsp, or joint N"),
     ],
 )
 def test_nodes_and_buses_refuse_what_cannot_be(words: list[str], exit_code: int, message: str, hil: Any) -> None:
     run = hil.run(*words)
-    assert (run.returncode, bool(re.search(message, run.stderr))) == (exit_code, True), run.stderr
+    in_one_line = re.sub(r"[\s│]+", " ", run.stderr)
+    assert (run.returncode, bool(re.search(message, in_one_line))) == (exit_code, True), run.stderr
     assert "Traceback" not in run.stderr
+
+
+def clock(hil: Any, *words: str) -> dict[str, Any]:
+    """Give the bus `arm` a command; return how it stands."""
+    run = hil.run("clock", "arm", *words, "--json")
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout.count("\n") == 1
+    answer: dict[str, Any] = json.loads(run.stdout)
+    return answer
+
+
+def at(hil: Any, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Ask until it stands so."""
+    deadline = time.monotonic() + 60.0
+    while not condition(status := clock(hil)):
+        assert time.monotonic() < deadline, status
+    return status
+
+
+@pytest.mark.parametrize("options", [["--pace", "1"], ["--pace", "0.5"], []])
+def test_a_bus_is_paused_stepped_and_goes_on(options: list[str], hil: Any) -> None:
+    hil.bus("arm", *options)
+    before = at(hil, lambda status: status["now_ns"] > 0)
+    assert (before["paused"], before["pace"]) == (False, float(options[1]) if options else 1.0)
+    paused = clock(hil, "pause")
+    assert paused["paused"]
+    assert clock(hil)["now_ns"] == paused["now_ns"] >= before["now_ns"]
+    stepped_ns = paused["now_ns"] + 1_000_000
+    assert clock(hil, "step", "0.001")["paused"]
+    assert at(hil, lambda status: status["now_ns"] >= stepped_ns)["now_ns"] == stepped_ns
+    clock(hil, "step")
+    assert at(hil, lambda status: status["now_ns"] > stepped_ns)["now_ns"] == stepped_ns + 1_000_000
+    assert not clock(hil, "continue")["paused"]
+    at(hil, lambda status: status["now_ns"] > stepped_ns + 50_000_000)
+
+
+@pytest.mark.parametrize("options", [["--pace", "1"], []])
+def test_a_bus_keeps_the_pace_that_it_is_told(options: list[str], hil: Any) -> None:
+    hil.bus("arm", *options)
+    assert clock(hil, "pace", "1000")["pace"] == 1000.0
+    later = at(hil, lambda status: status["now_ns"] > 100_000_000_000)
+    assert later["pace"] == 1000.0
+    assert clock(hil, "pace")["pace"] is None
+
+
+def test_a_bus_says_whom_it_waits_for(hil: Any) -> None:
+    hil.bus("arm", "--expect", "slow,late")
+    assert clock(hil)["missing"] == ["slow", "late"]
+    assert "not there yet: slow, late" in hil.run("clock").stdout
+    slow, late = (can.Bus(interface="hil", channel="arm", name=name, timed=True) for name in ("slow", "late"))
+    try:
+        first = at(hil, lambda status: status["waiting_for"] is not None)
+        assert (first["waiting_for"]["name"], first["missing"], first["now_ns"]) == ("slow", [], 0)
+        assert first["waiting_for"]["seconds"] > 0.0
+        later = at(hil, lambda status: status["waiting_for"]["seconds"] > first["waiting_for"]["seconds"])
+        assert later["nodes"]["late"] == {
+            "sent": 0, "received": 0, "repeated": 0, "lost": {}, "errors": {}, "tec": 0, "rec": 0,
+            "state": "error-active", "channel": "arm",
+        }  # fmt: skip
+        shown = hil.run("clock", "arm", "status").stdout
+        assert re.search(r"bus 'arm' at 0.000000 s, as fast as it goes\nwaiting for slow for \d+\.\d s\n", shown)
+        assert re.search(r"late +│ arm +│ error-act", shown), shown
+    finally:
+        slow.shutdown()
+        late.shutdown()
+
+
+def test_a_session_of_two_timed_clients_is_stepped(hil: Any) -> None:
+    """A client's frame is there when the step is long enough for it."""
+    hil.bus("arm", "--expect", "a,b")
+    clock(hil, "pause")
+    a, b = (can.Bus(interface="hil", channel="arm", name=name, timed=True) for name in ("a", "b"))
+    with ThreadPoolExecutor() as pool:
+        a.send(can.Message(arbitration_id=0x100, is_extended_id=False))
+        asked = [pool.submit(bus.recv, 0.01) for bus in (a, b)]
+        at(hil, lambda status: status["nodes"].keys() == {"a", "b"})
+        clock(hil, "step", "0.00001")
+        before = at(hil, lambda status: status["now_ns"] == 10_000)
+        assert [before["nodes"][name]["sent"] for name in "ab"] == [0, 0]
+        clock(hil, "step", "0.001")
+        after = at(hil, lambda status: status["nodes"]["a"]["sent"] == 1)
+        assert after["nodes"]["b"]["received"] == 1
+        assert asked[1].result(60).arbitration_id == 0x100
+        clock(hil, "continue")
+        left = pool.submit(b.shutdown)
+        assert asked[0].result(60) is None
+        a.shutdown()
+        left.result(60)
+
+
+def test_one_bus_command_serves_several_channels_in_one_time(hil: Any) -> None:
+    bus = hil.bus("arm leg arm", "--pace", "1")
+    assert "bus 'arm', 'leg': open to everybody" in bus.stdout.readline()
+    stopped = clock(hil, "pause")
+    leg = hil.run("clock", "leg", "--json")
+    assert json.loads(leg.stdout)["now_ns"] == stopped["now_ns"]
+    assert json.loads(leg.stdout)["paused"]
+    bus.send_signal(signal.SIGINT)
+    out, err = bus.communicate(timeout=60)
+    assert (bus.returncode, out, err) == (0, "bus 'arm', 'leg': ended\n", "")
+
+
+def test_a_second_bus_on_one_of_the_channels_is_refused_and_leaves_the_others(hil: Any) -> None:
+    hil.bus("arm")
+    run = hil.run("bus", "leg", "arm")
+    assert run.returncode == 4
+    assert "channel 'arm' is in use by another bus" in run.stderr
+    assert channel.names() == ["arm"]
+
+
+def test_a_client_that_dies_is_removed_where_the_bus_is_told_to_go_on(hil: Any) -> None:
+    hil.bus("arm", "--expect", "a,b", "--go-on")
+    a, b = (can.Bus(interface="hil", channel="arm", name=name, timed=True) for name in ("a", "b"))
+    with ThreadPoolExecutor() as pool:
+        asked = pool.submit(b.recv, 0.01)
+        a._connection.close()
+        assert asked.result(60) is None
+    status = clock(hil)
+    assert status["died"] == ["a is gone: its connection to the bus broke"]
+    assert "removed: a is gone" in hil.run("clock").stdout
+    b.shutdown()
 
 
 def test_a_node_refuses_a_bus_of_another_rate(hil: Any) -> None:
