@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: run test setup format lint types check bench clean
+.PHONY: run test setup format lint types check bench clean fuzz
 
 run: setup
 	$(BIN)/hil run
@@ -28,6 +28,9 @@ types: setup
 	$(BIN)/mypy
 
 check: format lint types test
+
+fuzz: setup
+	$(BIN)/python -m tests.hil.fuzzer --seconds 600 --seed 1
 
 bench: setup
 	$(BIN)/python -m hil.bench
