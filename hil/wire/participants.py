@@ -108,11 +108,12 @@ class Client:
     def _change_tasks(self, change: Change) -> None:
         fd = self.port.medium.rates.fd
         if change.periodic is not None:
-            if len(self.tasks) >= TASKS:
-                raise ProtocolError(f"more than {TASKS} periodic tasks: stop some")
             task = change.periodic
             frames = [frame.checked(fd) for frame in task.frames]
             self._stop(task.task)
+            self.tasks = {number: each for number, each in self.tasks.items() if not each.stopped}
+            if len(self.tasks) >= TASKS:
+                raise ProtocolError(f"more than {TASKS} periodic tasks: stop some")
             self.tasks[task.task] = PeriodicTask(self.port, frames, task.period_ns, task.duration_ns)
         if change.modify is not None and change.modify.task in self.tasks:
             self.tasks[change.modify.task].frames = [frame.checked(fd) for frame in change.modify.frames]
@@ -121,12 +122,12 @@ class Client:
 
     def _stop(self, task: int) -> None:
         if task in self.tasks:
-            self.tasks.pop(task).stopped = True
+            self.tasks.pop(task).stop()
 
     def retire(self) -> None:
         """Take no more part than to see its frames out."""
         for task in self.tasks.values():
-            task.stopped = True
+            task.stop()
         self.wakes_on = self.stores = NOTHING
 
     def close(self) -> None:
