@@ -75,6 +75,12 @@ class Connection:
 
     def receive(self) -> tuple[int, bytes]:
         """Return the next message, waiting for it; BlockingIOError where the socket's own time limit runs out."""
+        while (message := self.receive_once()) is None:
+            pass
+        return message
+
+    def receive_once(self) -> tuple[int, bytes] | None:
+        """Return the next message, as `receive`, or None if it is not whole after one look at the socket."""
         if not self._buffer:
             self.fill()
             data = self._buffer
