@@ -107,7 +107,7 @@ def _task(summary: dict[str, Any]) -> Table:
 
 def bus_status(channel: str, status: dict[str, Any]) -> None:
     """Print how a bus stands: its clock, whom it waits for, and what every controller counted."""
-    console = Console()
+    console = Console(markup=False, emoji=False)
     pace = "as fast as it goes" if status["pace"] is None else f"{status['pace']:g} x real time"
     console.print(f"bus {channel!r} at {status['now_ns'] * 1e-9:.6f} s, {'paused' if status['paused'] else pace}")
     if status["waiting_for"]:

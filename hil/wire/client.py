@@ -63,7 +63,9 @@ def control(name: str, **command: Any) -> dict[str, Any]:
         connection.send(protocol.HELLO, protocol.encode_json({"name": f"control-{os.getpid()}", "role": "control"}))
         connection.send(protocol.CONTROL, protocol.encode_json(command))
         kind, body = connection.receive()
-    except (protocol.Closed, BlockingIOError, TimeoutError):
+    except protocol.Closed:
+        raise ChannelError(f"channel {name!r}: the bus closed the connection; is its session ending?") from None
+    except (BlockingIOError, TimeoutError):
         raise ChannelError(f"channel {name!r}: the bus does not answer within {CONTROL_S:.0f} s") from None
     finally:
         connection.close()

@@ -35,7 +35,7 @@ def status(server: "Server") -> dict[str, Any]:
         "paused": pace.paused,
         "waiting_for": None if waiting is None else {"name": waiting[0], "seconds": waiting[1]},
         "missing": [] if server.started else server.missing(),
-        "died": server.died,
+        "died": list(server.died),
         "nodes": {
             port.name: port.controller.counts() | {"channel": channel}
             for channel, kernel in server.buses.items()

@@ -17,6 +17,8 @@ from hil.wire.protocol import Closed, Connection, ProtocolError
 
 STRANGERS = 64
 """Connections that have not yet said who they are."""
+CONTROLS = 64
+"""Connections that control the clock."""
 FIRST_MESSAGE_BYTES = 1 << 18
 PATIENCE_S = 5.0
 """Wall time within which a connection must have introduced itself."""
@@ -47,12 +49,12 @@ class Door:
 
     def attend(self) -> None:
         """Look after whoever is there."""
-        for key, _ in self._selector.select(0):
-            key.data()
         deadline = time.monotonic() - PATIENCE_S
         for connection in [stranger for stranger, since in self._since.items() if since < deadline]:
             refuse(connection, f"no HELLO within {PATIENCE_S:.0f} s")
             self._forget(connection)
+        for key, _ in self._selector.select(0):
+            key.data()
 
     def close(self) -> None:
         """Send everybody away who is not in."""
@@ -94,7 +96,10 @@ class Door:
             return
         self._selector.unregister(connection)
         del self._since[connection]
-        if hello.role == "control":
+        if hello.role == "control" and len(self._controls) >= CONTROLS:
+            refuse(connection, f"{CONTROLS} others control the clock: try again")
+            connection.close()
+        elif hello.role == "control":
             self._controls.add(connection)
             self._selector.register(connection, selectors.EVENT_READ, lambda: self._read_command(connection))
             self._obey(connection)  # what came together with HELLO

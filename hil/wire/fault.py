@@ -89,7 +89,7 @@ Fault = Annotated[
     BitError | BitErrorRate | Overrun | Babble | StuckDominant | CutOff | QueueDelay, Field(discriminator="kind")
 ]
 
-NEEDS_BITS = (BitError, BitErrorRate, StuckDominant, CutOff)
+NEEDS_BITS = (BitError, BitErrorRate, Babble, StuckDominant, CutOff)
 
 
 def check_faults(faults: Sequence[Fault], names: Sequence[str], functional: bool, fd: bool) -> None:

@@ -31,7 +31,7 @@ class Hello(_Strict):
     data_bit_ns: what it takes the bus for (None: anything). depth, fifo, one_shot, discards: of its controller.
     """
 
-    name: Annotated[str, Field(min_length=1, max_length=100)]
+    name: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
     role: Literal["timed", "observer", "control"]
     start_ns: Annotated[int, Field(ge=-FAR_NS, le=FAR_NS)] | None = None
     wakes_on: Annotated[list[Identifier], Field(max_length=LONGEST_LIST)] | None = None

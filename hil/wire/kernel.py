@@ -18,6 +18,8 @@ __all__ = ["Arrival", "Kernel", "Participant", "Port", "Watcher"]
 
 LINGER_NS = 100_000
 """Virtual time between two looks at whether somebody who leaves has sent all."""
+LEAVE_NS = 1_000_000_000
+"""Virtual time after which it goes, whatever it still had to send."""
 
 
 class Kernel:
@@ -59,18 +61,22 @@ class Kernel:
         port.timer_ns = None
         port.controller.leaving = True
         self.medium.assess()
-        self.agenda.at(self.agenda.now_ns, ARBITRATE, port.order, self._let_go, port)
+        deadline_ns = self.agenda.now_ns + LEAVE_NS
+        self.agenda.at(self.agenda.now_ns, ARBITRATE, port.order, self._let_go, (port, deadline_ns))
 
-    def _let_go(self, port: Port) -> None:
+    def _let_go(self, leaving: tuple[Port, int]) -> None:
+        port, deadline_ns = leaving
         others = any(each.controller.acknowledges for each in self.medium.ports if each is not port)
-        if (port.controller.queued and others) or port.delayed:
-            self.agenda.at(self.agenda.now_ns + LINGER_NS, ARBITRATE, port.order, self._let_go, port)
+        busy = (port.controller.queued and others) or port.delayed
+        if busy and self.agenda.now_ns < deadline_ns:
+            self.agenda.at(self.agenda.now_ns + LINGER_NS, ARBITRATE, port.order, self._let_go, leaving)
             return
         self.medium.flush(port, cause.LEFT)
         self.medium.detach(port)
         self.ports.remove(port)
         port.controller.depth = 0  # what it may still ask to send comes too late
         port.inbox.clear()
+        self.agenda.forget(port)
 
     def start(self) -> None:
         """Tell every participant that time begins."""

@@ -5,7 +5,6 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Container, Sequence
-from contextlib import suppress
 
 from hil.errors import NodeError
 from hil.node import SILENT, Reaction
@@ -108,11 +107,12 @@ class Client:
     def _change_tasks(self, change: Change) -> None:
         fd = self.port.medium.rates.fd
         if change.periodic is not None:
-            if len(self.tasks) >= TASKS:
-                raise ProtocolError(f"more than {TASKS} periodic tasks: stop some")
             task = change.periodic
             frames = [frame.checked(fd) for frame in task.frames]
             self._stop(task.task)
+            self.tasks = {number: each for number, each in self.tasks.items() if not each.stopped}
+            if len(self.tasks) >= TASKS:
+                raise ProtocolError(f"more than {TASKS} periodic tasks: stop some")
             self.tasks[task.task] = PeriodicTask(self.port, frames, task.period_ns, task.duration_ns)
         if change.modify is not None and change.modify.task in self.tasks:
             self.tasks[change.modify.task].frames = [frame.checked(fd) for frame in change.modify.frames]
@@ -121,12 +121,12 @@ class Client:
 
     def _stop(self, task: int) -> None:
         if task in self.tasks:
-            self.tasks.pop(task).stopped = True
+            self.tasks.pop(task).stop()
 
     def retire(self) -> None:
         """Take no more part than to see its frames out."""
         for task in self.tasks.values():
-            task.stopped = True
+            task.stop()
         self.wakes_on = self.stores = NOTHING
 
     def close(self) -> None:
@@ -168,6 +168,7 @@ class TimedClient(Client):
         connection.stream.setblocking(True)
         # Not settimeout: that polls before every receive, one more system call a wake-up.
         connection.stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
+        connection.stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
 
     def _make_port(self) -> Port:
         return _Seat(self)
@@ -191,20 +192,26 @@ class TimedClient(Client):
         if self.page is not None:
             self.publish()
         try:
-            with suppress(Closed):  # it may have left already, with its last words in the stream
-                self.connection.send(kind, body)
+            self._grant(kind, body)
             kind, body = self._receive()
+            if kind not in (protocol.YIELD, protocol.LEAVE):
+                raise ProtocolError(f"message {kind} where a yield was due")
             reaction = protocol.decode_yield(body)
             if kind == protocol.YIELD:
                 self.heard += len(reaction[2])
                 return reaction
-            if kind != protocol.LEAVE:
-                raise ProtocolError(f"message {kind} where a yield was due")
         except Closed:
             return self._end(SILENT, f"{self.name} is gone: its connection to the bus broke")
         except ProtocolError as error:
             return self._end(SILENT, f"{self.name} does not keep to the protocol: {error}")
         return self._end((reaction[0], None, reaction[2]), None)
+
+    def _grant(self, kind: int, body: bytes) -> None:
+        try:
+            self.connection.send(kind, body)
+        except Closed as closed:  # it may have left already, with its last words in the stream
+            if isinstance(closed.__cause__, BlockingIOError):
+                raise ProtocolError("it answers, but does not read what it is granted") from None
 
     def expel(self, reason: str) -> None:
         """Let it go in the middle of its answer."""
@@ -217,13 +224,17 @@ class TimedClient(Client):
         return last
 
     def _receive(self) -> tuple[int, bytes]:
-        since = None
+        """Return its answer; the wait is told whatever else it sends meanwhile."""
+        since_s = time.monotonic()
         while True:
             try:
-                kind, body = self.connection.receive()
-                if kind != protocol.CONFIGURE:
-                    return kind, body
-                self.configure(body)
+                message = self.connection.receive_once()
             except BlockingIOError:
-                since = time.monotonic() - WAIT_S if since is None else since
-                self._on_wait(self.name, time.monotonic() - since)
+                message = None
+            if message is not None:
+                if message[0] != protocol.CONFIGURE:
+                    return message
+                self.configure(message[1])
+            waited_s = time.monotonic() - since_s
+            if waited_s >= WAIT_S:
+                self._on_wait(self.name, waited_s)

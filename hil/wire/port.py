@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from hil.errors import NodeError
 from hil.node import Reaction
 from hil.wire.agenda import QUEUE, WAKE, Agenda
-from hil.wire.controller import Controller
+from hil.wire.controller import QUEUE_FULL, Controller
 from hil.wire.identifier import BRS, ESI, FD, LONGEST_CLASSIC, STANDARD_MASK, refusal
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ Arrival = tuple[int, int, bytes]
 """(end of frame in ns, identifier, data)"""
 
 LONG_AGO_NS = -(1 << 63)
+LATE_FRAMES = 4096
+"""Frames of one participant that it has asked to be queued later."""
 ERROR_FRAMES = 16
 """Error frames that find room where frames no longer do."""
 
@@ -57,6 +59,7 @@ class Port:
 
     __slots__ = (
         "agenda",
+        "alarm",
         "alarm_ns",
         "busy_until_ns",
         "controller",
@@ -78,6 +81,7 @@ class Port:
         self.hears = NO_ERRORS
         self.timer_ns: int | None = None
         self.alarm_ns: int | None = None
+        self.alarm = 0
         self.busy_until_ns = LONG_AGO_NS
         self.delayed = 0
         self.inbox: deque[tuple[Arrival, bool]] = deque()
@@ -142,8 +146,10 @@ class Port:
         """Set the timer. One entry of the agenda at a time: it is moved on when it comes, so that none pile up."""
         self.timer_ns = timer_ns
         if timer_ns is not None and (self.alarm_ns is None or timer_ns < self.alarm_ns):
+            if self.alarm_ns is not None:
+                self.agenda.call_off(self.alarm)
             self.alarm_ns = timer_ns
-            self.agenda.at(timer_ns, WAKE, self.order, self._alarm, timer_ns)
+            self.alarm = self.agenda.at(timer_ns, WAKE, self.order, self._alarm, timer_ns)
 
     def _alarm(self, alarm_ns: int) -> None:
         if alarm_ns != self.alarm_ns:
@@ -197,6 +203,8 @@ class Port:
                 self._check_send(delay_ns, identifier, data)
             if (delay_ns == 0 or medium.functional) and not self.delayed:
                 medium.queue(self, identifier, data)
+            elif self.delayed >= LATE_FRAMES:
+                self.controller.lost[QUEUE_FULL] += 1
             else:  # also behind one of this instant that was asked for before
                 self.delayed += 1
                 due_ns = agenda.now_ns + (0 if medium.functional else delay_ns)

@@ -31,7 +31,8 @@ from hil.wire.port import Arrival
 
 HELLO, WELCOME, REFUSED, START, GRANT, YIELD, LEAVE, FRAMES, SEND, END, CONFIGURE, CONTROL, STATUS = range(1, 14)
 
-LONGEST_MESSAGE = 1 << 24
+LONGEST_MESSAGE = 1 << 20
+"""Bytes, enough for the longest list that hello.py allows: what one client can make the bus keep."""
 FAR_NS = 1 << 62
 """Later than anything happens."""
 NO_TIMER = -(1 << 63)
@@ -75,6 +76,12 @@ class Connection:
 
     def receive(self) -> tuple[int, bytes]:
         """Return the next message, waiting for it; BlockingIOError where the socket's own time limit runs out."""
+        while (message := self.receive_once()) is None:
+            pass
+        return message
+
+    def receive_once(self) -> tuple[int, bytes] | None:
+        """Return the next message, as `receive`, or None if it is not whole after one look at the socket."""
         if not self._buffer:
             self.fill()
             data = self._buffer
@@ -83,9 +90,11 @@ class Connection:
                 if length + _PREFIX.size - 1 == len(data) and length <= self.longest:
                     self._buffer = b""
                     return kind, data[_PREFIX.size :]
-        while (message := self.next_message()) is None:
+        elif (message := self.next_message()) is not None:
+            return message
+        else:
             self.fill()
-        return message
+        return self.next_message()
 
     def receive_one(self) -> tuple[int, bytes]:
         """Return the next message and read no byte of the one behind it, so that the socket tells if there is one."""

@@ -9,6 +9,7 @@ NodeError, or is removed and counted while the others go on; one that keeps the 
 
 import selectors
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -31,6 +32,10 @@ SLICE_NS = 5_000_000
 """Virtual time between two looks at the connections."""
 LAST_FRAMES_S = 5.0
 """Wall time that observers have at the end to take what is left for them."""
+STEPS = 1000
+"""Entries of the agenda between two looks at the connections, however many an instant has."""
+DEATHS = 100
+"""The last so many reasons are told."""
 IDLE_S = 0.1
 """Wall time of one wait where nothing is due."""
 
@@ -67,7 +72,7 @@ class Server:
         self._undisturbed = True
         self.timed: dict[str, TimedClient] = {}
         self.observers: list[Observer] = []
-        self.died: list[str] = []
+        self.died: deque[str] = deque(maxlen=DEATHS)
         self.waiting: tuple[str, float] | None = None
         self._channels: dict[str, str] = {}
         self._on_wait = on_wait
@@ -75,6 +80,8 @@ class Server:
         self._lost_by_departed = 0
         self._started = False
         self._running = False
+        self._over = False
+        self._waited = False
         self._guests: list[tuple[str, Hello, Connection]] = []
         self._door = Door(
             [bus.listener for bus in buses], self._receive_guest, lambda command: control.obey(self, command)
@@ -108,6 +115,7 @@ class Server:
             self.kernel_of(client).adopt(client.port)
         for observer in list(self.observers):
             self._replay(observer)
+        self._waited = bool(clients)
         for client in clients:
             client.port.begin()
 
@@ -122,12 +130,12 @@ class Server:
         """Carry virtual time to until_ns, or until it is stopped or every timed client has left."""
         agenda = self.agenda
         self._running = True
-        while agenda.now_ns < until_ns and not agenda.stopped and not self.deserted:
+        while (agenda.now_ns < until_ns or agenda.has_due(until_ns)) and not agenda.stopped and not self.deserted:
             self._advance(until_ns)
             self.poll(self._patience_s(until_ns))
         self._running = False
-        while self._lingers and not agenda.stopped and agenda.next_ns is not None and agenda.next_ns <= until_ns:
-            agenda.run(agenda.next_ns)
+        while self._lingers and not agenda.stopped and agenda.has_due(until_ns):
+            agenda.run(until_ns, most=1)
 
     def _advance(self, until_ns: int) -> None:
         """Carry time on by a slice, as far as the pace allows; where nothing will happen any more, leave it."""
@@ -137,8 +145,8 @@ class Server:
             return
         slice_ns = max(agenda.now_ns + SLICE_NS, until_ns if due_ns is None else due_ns)
         target_ns = min(until_ns, slice_ns, self.pace.limit_ns(agenda.now_ns))
-        if target_ns > agenda.now_ns:
-            agenda.run(target_ns)
+        if target_ns >= agenda.now_ns:
+            agenda.run(target_ns, STEPS)
 
     def _patience_s(self, until_ns: int) -> float:
         """Return how long to wait for connections before time must go on."""
@@ -153,15 +161,16 @@ class Server:
     @property
     def deserted(self) -> bool:
         """Every timed client that was there has left."""
-        return bool(self.timed) and all(client.left for client in self.timed.values())
+        return self._waited and not self.timed
 
     @property
     def _lingers(self) -> bool:
         """All timed clients have left, but not all have sent their last words."""
-        return self.deserted and any(client.port in self.kernel_of(client).ports for client in self.timed.values())
+        return self.deserted and any(port.controller.leaving for bus in self.buses.values() for port in bus.ports)
 
     def end(self, reason: str, keep_observers: bool = False) -> list[tuple[str, Observer]]:
         """Tell everybody that the session is over, observers after all their frames; return those that are kept."""
+        self._over = True
         deadline = time.monotonic() + LAST_FRAMES_S
         while any(observer.unsent for observer in self.observers) and time.monotonic() < deadline:
             self.poll(0.01)
@@ -198,10 +207,11 @@ class Server:
             self._advance(FAR_NS)  # what arrives now is stamped now
         for key, _ in ready:
             key.data()
-        while self._guests:
+        while self._guests and not self._over:
             self._admit(*self._guests.pop(0))
         if not self._started:
-            self.timed = {name: client for name, client in self.timed.items() if not client.connection.is_closed()}
+            for client in [each for each in self.timed.values() if each.connection.is_closed()]:
+                self._forget(client)
         for observer in list(self.observers):
             try:
                 observer.flush()
@@ -222,8 +232,7 @@ class Server:
             self._admit_observer(channel, Observer(hello, connection))
 
     def _names(self) -> set[str]:
-        timed = {client.name for client in self.timed.values() if not client.left}
-        return timed | {observer.name for observer in self.observers}
+        return self.timed.keys() | {observer.name for observer in self.observers}
 
     def _welcome(self, client: Client) -> bool:
         kernel = self.kernel_of(client)
@@ -231,7 +240,10 @@ class Server:
         welcome = {"bit_ns": kernel.bit_ns, "data_bit_ns": kernel.rates.data_bit_ns, "fidelity": fidelity}
         try:
             client.welcome(protocol.encode_json(welcome))
-        except Closed:
+        except (Closed, OSError) as error:
+            if isinstance(error, OSError):
+                refuse(client.connection, f"the bus can take nobody more: {error.strerror}; raise its `ulimit -n`")
+            del self._channels[client.name]
             client.close()
             return False
         client.publish()
@@ -244,8 +256,14 @@ class Server:
             return
         self.timed[client.name] = client
         if self._started:
+            self._waited = True
             self.kernel_of(client).adopt(client.port)
             client.port.begin()
+
+    def _forget(self, client: TimedClient) -> None:
+        """Give its place and its name back."""
+        client.close()
+        del self.timed[client.name], self._channels[client.name]
 
     def _departed(self, client: TimedClient, reason: str | None) -> None:
         """A timed client has left, or died: that ends the session, or it is removed and counted."""
@@ -253,8 +271,10 @@ class Server:
             raise NodeError(reason)
         if reason is not None:
             self.died.append(reason)
-        client.retire()
-        self.kernel_of(client).retire(client.port)
+        if self.timed.get(client.name) is client:
+            client.retire()
+            self.kernel_of(client).retire(client.port)
+            self._forget(client)
 
     def _admit_observer(self, channel: str, observer: Observer) -> None:
         self._channels[observer.name] = channel
@@ -281,6 +301,7 @@ class Server:
         self._undisturbed &= not observer.spoke
         if self._started:
             self.kernel_of(observer).retire(observer.port)
+        del self._channels[observer.name]
 
     # -- waiting, and the clock --
 

@@ -3,6 +3,7 @@
 So `send` knows whether the transmit queue has room without asking, and `state` is there without waiting.
 """
 
+import fcntl
 import mmap
 import os
 import struct
@@ -46,11 +47,12 @@ class StatusPage:
 
 
 def make_file() -> int:
-    """Return the descriptor of a new page, for the caller to close."""
-    if hasattr(os, "memfd_create"):
-        descriptor = os.memfd_create("hil-status")
-    else:
+    """Return the descriptor of a new page, for the caller to close; a client cannot cut it off under the bus."""
+    if not hasattr(os, "memfd_create"):
         with tempfile.TemporaryFile() as file:
-            descriptor = os.dup(file.fileno())
+            os.ftruncate(file.fileno(), mmap.PAGESIZE)
+            return os.dup(file.fileno())
+    descriptor = os.memfd_create("hil-status", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     os.ftruncate(descriptor, mmap.PAGESIZE)
+    fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
     return descriptor
