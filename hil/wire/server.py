@@ -212,6 +212,8 @@ class Server:
         if not self._started:
             for client in [each for each in self.timed.values() if each.connection.is_closed()]:
                 self._forget(client)
+        else:
+            self._bury()
         for observer in list(self.observers):
             try:
                 observer.flush()
@@ -275,6 +277,12 @@ class Server:
             client.retire()
             self.kernel_of(client).retire(client.port)
             self._forget(client)
+
+    def _bury(self) -> None:
+        """Remove timed clients that died while they waited for their turn."""
+        for client in self.timed.values():
+            if not client.left and client.connection.is_closed():
+                client.expel(f"{client.name} is gone: its connection to the bus broke")
 
     def _admit_observer(self, channel: str, observer: Observer) -> None:
         self._channels[observer.name] = channel

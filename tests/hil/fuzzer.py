@@ -24,7 +24,7 @@ from typing import Any
 import can
 
 from hil.errors import ChannelError
-from hil.wire import channel, protocol
+from hil.wire import channel, client, protocol
 
 PATIENCE_S = 20.0
 """Wall time within which a frame must cross the bus between the well-behaved clients."""
@@ -64,6 +64,9 @@ class Attacker:
             attack(stream)
         if stream not in self.held:
             stream.close()
+        if attack == self.controller:  # a paused bus stands still by right
+            client.control("fuzz", command="pace", pace=1.0)
+            client.control("fuzz", command="continue")
 
     def release(self) -> None:
         for stream in self.held:
@@ -99,7 +102,8 @@ class Attacker:
     def frames(self, count: int) -> bytes:
         frames = []
         for _ in range(count):
-            identifier = self.random.choice((0x123, 0x80000123, 0x7FF, 1 << 32 | 5, 0x20000004, 0xFFFFFFFF, (1 << 64) - 1))
+            odd = (0x123, 0x80000123, 0x7FF, 1 << 32 | 5, 0x20000004, 0xFFFFFFFF, (1 << 64) - 1)
+            identifier = self.random.choice(odd)
             frames.append((0, identifier, self.random.randbytes(self.random.choice((0, 3, 8, 8, 8, 9, 64)))))
         self.done["messages"] += 1
         self.done["frames"] += count
@@ -164,11 +168,8 @@ class Attacker:
     def controller(self, stream: socket.socket) -> None:
         stream.sendall(self.hello(role="control"))
         for _ in range(self.random.randrange(1, 20)):
-            command = {"command": self.random.choice(("pause", "step", "status", "pace", "stop", "")), "pace": self.value()}
-            stream.sendall(self.message(protocol.CONTROL, command))
-        stream.sendall(self.message(protocol.CONTROL, {"command": "pace", "pace": 1.0}))
-        stream.sendall(self.message(protocol.CONTROL, {"command": "continue"}))
-        stream.recv(1 << 16)
+            command = self.random.choice(("pause", "step", "status", "pace", "stop", ""))
+            stream.sendall(self.message(protocol.CONTROL, {"command": command, "pace": self.value()}))
 
     def dead_timed(self, stream: socket.socket) -> None:
         """Join as a timed client, answer once or twice with nonsense or not, and die."""
@@ -215,22 +216,22 @@ def fuzz(seconds: float, seed: int) -> dict[str, Any]:
     attacker = Attacker(seed)
     with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdout=said, stderr=said) as bus:
         try:
-            clients = [_join(name) for name in ("left", "right")]
-            exchange(*clients, 0)
+            pair = [_join(name) for name in ("left", "right")]
+            exchange(*pair, 0)
             before = resources(bus.pid)
             deadline, crossed = time.monotonic() + seconds, 0
             while time.monotonic() < deadline:
                 for _ in range(20):
                     attacker.strike()
                 crossed += 1
-                exchange(*clients, crossed)
+                exchange(*pair, crossed)
             attacker.release()
             for number in range(1, 30):  # the bus sees that they are gone
-                exchange(*clients, crossed + number)
+                exchange(*pair, crossed + number)
                 time.sleep(0.05)
             after = resources(bus.pid)
-            for client in clients:
-                client.shutdown()
+            for each in pair:
+                each.shutdown()
         finally:
             bus.send_signal(signal.SIGINT)
             bus.wait(20)
