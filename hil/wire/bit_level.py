@@ -117,7 +117,7 @@ class BitLevel(FrameReader):
 
     def _flag(self, error: Detected) -> Bits:
         """Send an error flag, as the state before the error asks for, or an overload flag."""
-        passive = (self.confinement.passive or self.listen_only) and error.code != OVERLOAD
+        passive = self.confinement.passive and error.code != OVERLOAD
         unacknowledged = passive and error.code == ACK_ERROR
         if not unacknowledged:
             self._count(error)
@@ -142,7 +142,7 @@ class BitLevel(FrameReader):
     def _active_flag(self) -> Bits:
         self.field = "active error flag"
         for _ in range(FLAG_BITS):
-            if (yield DOMINANT) == RECESSIVE:
+            if (yield DOMINANT) == RECESSIVE and not self.listen_only:
                 raise Detected(BIT_ERROR, in_flag=True)
 
     def _passive_flag(self) -> Generator[int | None, int, bool]:
