@@ -54,6 +54,7 @@ class Medium:
         self._plain = False
         self._free_from_ns = LONG_AGO_NS
         self._current: Entry | None = None
+        self._sender: Port | None = None
         self._since_ns = 0
         self._planned_ns = 0
 
@@ -194,7 +195,7 @@ class Medium:
         if not able:
             waits = [self._by_order[entry[1]].controller.suspended_until_ns for entry in self.queues.pending]
             until_ns = min((wait for wait in waits if wait > now_ns), default=None)
-            self._idle = until_ns is None
+            self._idle = True
             if until_ns is not None:
                 self.agenda.at(until_ns, ARBITRATE, -1, self._arbitrate, None)
             return
@@ -244,7 +245,7 @@ class Medium:
         if entry is not self._current:
             return
         self._current = None
-        port = self._by_order[entry[1]]
+        self._sender = port = self._by_order[entry[1]]
         port.controller.sent += 1
         port.controller.unheard = False
         self.leave_queue(port)
@@ -287,7 +288,8 @@ class Medium:
         if entry is not self._current:
             return
         self._current = None
-        port, bit_ns, now_ns = self._by_order[entry[1]], self._bit_ns, self.agenda.now_ns
+        self._sender = port = self._by_order[entry[1]]
+        bit_ns, now_ns = self._bit_ns, self.agenda.now_ns
         confinement = port.controller.confinement
         if confinement.passive:
             self.recovery.recessive(now_ns - 2 * bit_ns)
@@ -330,7 +332,19 @@ class Medium:
             self.play = BitPlay(self, None, entry, self._since_ns)
 
     def _play_from_here(self, _: None) -> None:
-        if self.play is None and self._current is None:
+        """Go on between frames; an error frame that was computed whole ends first."""
+        now_ns, rest_ns = self.agenda.now_ns, INTERMISSION_BITS * self._bit_ns
+        suspended_ns = max((port.controller.suspended_until_ns for port in self.ports), default=now_ns)
+        if self.play is not None:
+            return
+        if self._current is not None:
+            self.disturb()
+        elif now_ns < self._free_from_ns - rest_ns:
+            self.agenda.at(self._free_from_ns - rest_ns, ARBITRATE, -1, self._play_from_here, None)
+        elif now_ns < max(self._free_from_ns, suspended_ns) and self._sender in self.ports:
+            self.busy_ns -= rest_ns
+            self.play = BitPlay(self, None, None, self._free_from_ns - rest_ns, self._sender)
+        else:
             self.play = BitPlay(self, None)
 
     def resume(self) -> None:
