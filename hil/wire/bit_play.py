@@ -143,7 +143,7 @@ class BitPlay:
         """Keep account of recessive bits and of a busy bus."""
         medium = self._medium
         if level == DOMINANT:
-            medium.recovery.dominant()
+            medium.recovery.dominant(self._bit_since_ns)
         elif not medium.recovery.listening:
             medium.recovery.recessive(self._bit_since_ns)
         if self._occupied(level):
@@ -190,8 +190,8 @@ class BitPlay:
                     self._fail(port, number, field)
                 else:
                     self._medium.delivery.receive(port, self._agenda.now_ns, number, data)
-            if happened:
-                self._medium.reporter.check_states()
+        if any(port.controller.standing != port.controller.told for port in self._sides):
+            self._medium.reporter.check_states()
 
     def _lose(self, port: "Port", bit: int) -> None:
         entry = self._sending.pop(port)

@@ -11,13 +11,14 @@ from typing import Protocol
 
 from hil.wire import controller as cause
 from hil.wire.agenda import ARBITRATE, DELIVER, QUEUE, Agenda
-from hil.wire.bit_level import DELIMITER_BITS, FLAG_BITS, INTERMISSION_BITS, SUSPEND_BITS
+from hil.wire.bit_level import INTERMISSION_BITS, SUSPEND_BITS
 from hil.wire.bit_play import BitPlay, Flips
 from hil.wire.controller import Entry
 from hil.wire.delivery import Delivery
 from hil.wire.duration import duration_ns
-from hil.wire.frame_reader import ACK_ERROR, EOF_BITS
+from hil.wire.frame_reader import EOF_BITS
 from hil.wire.identifier import ESI, FD
+from hil.wire.lone_sender import TAIL_BITS, not_acknowledged
 from hil.wire.port import LONG_AGO_NS, Port
 from hil.wire.rates import Rates
 from hil.wire.recovery import Recovery
@@ -223,7 +224,7 @@ class Medium:
 
     def _start_with_care(self, entry: Entry) -> None:
         port = self._by_order[entry[1]]
-        self.recovery.dominant()
+        self.recovery.dominant(self.agenda.now_ns)
         flips = self.flips(entry)
         if flips or self.stuck:
             self.queues.put([entry])
@@ -278,30 +279,21 @@ class Medium:
     def _start_unacknowledged(self, entry: Entry) -> None:
         """Begin a frame that nobody will acknowledge: the error is due behind the ACK slot."""
         self._current, self._since_ns = entry, self.agenda.now_ns
-        lasts_ns = duration_ns(self.identifier(entry), entry[5], self.rates) - (1 + EOF_BITS) * self._bit_ns
+        lasts_ns = duration_ns(self.identifier(entry), entry[5], self.rates) - TAIL_BITS * self._bit_ns
         self._planned_ns = lasts_ns
         self.busy_ns += lasts_ns
         self.agenda.at(self.agenda.now_ns + lasts_ns, DELIVER, entry[1], self._not_acknowledged, entry)
 
     def _not_acknowledged(self, entry: Entry) -> None:
-        """End it as bit by bit: flag, delimiter, intermission; a passive sender's flag disturbs and counts nothing."""
         if entry is not self._current:
             return
         self._current = None
-        self._sender = port = self._by_order[entry[1]]
-        bit_ns, now_ns = self._bit_ns, self.agenda.now_ns
-        confinement = port.controller.confinement
-        if confinement.passive:
-            self.recovery.recessive(now_ns - 2 * bit_ns)
-        else:
-            confinement.transmitter_error()
-            self.recovery.recessive(now_ns + FLAG_BITS * bit_ns)
-        self.failed(port, entry, ACK_ERROR, "ACK slot")
-        rest = (FLAG_BITS + DELIMITER_BITS + INTERMISSION_BITS) * bit_ns
-        self.busy_ns += rest
-        self._free_from_ns = now_ns + rest
-        if confinement.passive:
-            port.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * bit_ns
+        self._sender = self._by_order[entry[1]]
+        rest_ns = not_acknowledged(self, self._sender, entry)
+        self.busy_ns += rest_ns
+        self._free_from_ns = self.agenda.now_ns + rest_ns
+        if self._sender.controller.confinement.passive:
+            self._sender.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * self._bit_ns
         self.reporter.check_states()
         self._idle = False
         self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
