@@ -51,10 +51,10 @@ class BitPlay:
         else:
             self._bit_begins(None)
 
-    @staticmethod
-    def _side(port: "Port", sender: "Port | None") -> BitLevel:
+    def _side(self, port: "Port", sender: "Port | None") -> BitLevel:
         controller = port.controller
-        return BitLevel(controller.confinement, controller.listen_only, False, sender is not None, port is sender)
+        new = port in self._medium.newcomers
+        return BitLevel(controller.confinement, controller.listen_only, new, sender is not None, port is sender)
 
     def _catch_up(self) -> None:
         """Play what has gone undisturbed so far."""
@@ -87,12 +87,12 @@ class BitPlay:
     # -- a bit --
 
     def _lasts_ns(self) -> int:
-        """Return the length of the bit that comes: nominal, unless everybody is in the data phase."""
+        """Return the length of the bit that comes: of the data phase, unless somebody flags an error in it."""
         rates = self._medium.rates
-        busy = [side for side in self._sides.values() if side.busy]
-        if rates.data_bit_ns is not None and busy and all(side.fast for side in busy):
-            return rates.data_bit_ns
-        return rates.bit_ns
+        if rates.data_bit_ns is None or not any(side.fast for side in self._sides.values()):
+            return rates.bit_ns
+        flagged = any(side.drives == DOMINANT and not side.fast for side in self._sides.values())
+        return rates.bit_ns if flagged else rates.data_bit_ns
 
     def _bit_begins(self, _: None) -> None:
         if self._medium.play is not self and self._bit_since_ns:

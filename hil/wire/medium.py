@@ -45,6 +45,7 @@ class Medium:
         self.faults: Faults | None = None
         self.stuck: set[Port] = set()
         self.play: BitPlay | None = None
+        self.newcomers: set[Port] = set()
         self.recovery = Recovery(self)
         self.busy_ns = 0
         self.queues = TransmitQueues()
@@ -61,9 +62,12 @@ class Medium:
 
     # -- who takes part --
 
-    def attach(self, port: Port) -> None:
-        """Add a participant; it takes part from the next frame on."""
+    def attach(self, port: Port, mended: bool = False) -> None:
+        """Add a participant; on a busy bus, or with a mended cable, it takes part behind 11 recessive bits."""
         port.medium, port.agenda = self, self.agenda
+        if not self.functional and (mended or self._current is not None or self.agenda.now_ns < self._free_from_ns):
+            self.disturb()
+            self.newcomers.add(port)
         self.ports.append(port)
         self.ports.sort(key=lambda each: each.order)
         self._by_order[port.order] = port
@@ -79,6 +83,7 @@ class Medium:
         self.ports.remove(port)
         del self._by_order[port.order]
         self.stuck.discard(port)
+        self.newcomers.discard(port)
         if self.play is not None:
             self.play.drop(port)
         self.assess()
@@ -98,6 +103,7 @@ class Medium:
         self._plain = self.functional or (
             self.faults is None
             and not self.stuck
+            and not self.newcomers
             and len(ready) > 1
             and all(port.controller.plain for port in self.ports)
         )
@@ -125,6 +131,9 @@ class Medium:
     def _enter(self, port: Port, identifier: int, data: bytes) -> None:
         """Let a frame enter arbitration, at the earliest when all of this instant are queued."""
         if port.order not in self._by_order:
+            return
+        if port.controller.listen_only:
+            self.queues.count_out(port, cause.LISTEN_ONLY)
             return
         self.queues.enter(port, identifier, data, self.agenda.now_ns)
         if self._idle:
@@ -207,8 +216,9 @@ class Medium:
         self._start_with_care(winner)
 
     def _able(self, entry: Entry, now_ns: int) -> bool:
-        controller = self._by_order[entry[1]].controller
-        return not controller.confinement.off and controller.suspended_until_ns <= now_ns
+        port = self._by_order[entry[1]]
+        off = port.controller.confinement.off or port in self.newcomers
+        return not off and port.controller.suspended_until_ns <= now_ns
 
     def _losers(self, able: list[Entry], winner: Entry) -> list[Entry]:
         """Return the frames that are given up because they lose."""
@@ -342,6 +352,7 @@ class Medium:
     def resume(self) -> None:
         """Compute frames whole again: everybody is idle."""
         self.play = None
+        self.newcomers.clear()
         self._free_from_ns = self.agenda.now_ns
         self._idle = True
         self.assess()
