@@ -24,14 +24,22 @@ SUSPEND_BITS = 8
 class BitLevel(FrameReader):
     """A controller on the bus. idle: it may begin a frame. joining: it may join one that has just begun.
 
-    integrating: it has not heard the bus before.
+    integrating: it has not heard the bus before. resting: an intermission begins; sent: behind a frame of its own.
     """
 
-    def __init__(self, confinement: Confinement, listen_only: bool = False, integrating: bool = False) -> None:
+    def __init__(
+        self,
+        confinement: Confinement,
+        listen_only: bool = False,
+        integrating: bool = False,
+        resting: bool = False,
+        sent: bool = False,
+    ) -> None:
         super().__init__(confinement, listen_only)
         self.idle = False
         self.joining = False
-        self._life = self._live(integrating)
+        self._transmitter = sent
+        self._life = self._live(integrating, resting)
         self._level = next(self._life)
 
     # -- what the wire does with it --
@@ -48,6 +56,11 @@ class BitLevel(FrameReader):
         """Whether it is in the middle of something."""
         return not self.idle and self.field != "bus-off"
 
+    @property
+    def occupied(self) -> bool:
+        """Whether it takes the bus for busy."""
+        return self.busy and self.field not in ("integrating", "suspend transmission")
+
     def begin(self, plan: FramePlan) -> None:
         """Send a frame, from the bit that comes: idle, from its SOF; joining another's SOF, from its identifier."""
         self._plan, self._transmitter = plan, True
@@ -59,12 +72,14 @@ class BitLevel(FrameReader):
 
     # -- its life --
 
-    def _live(self, integrating: bool) -> Bits:
+    def _live(self, integrating: bool, resting: bool) -> Bits:
         begun = False
         if self.confinement.off:
             yield from self._bus_off()
         elif integrating:
             yield from self._integrate()
+        elif resting:
+            begun = yield from self._rest(None)
         while True:
             try:
                 if not begun:
@@ -117,7 +132,7 @@ class BitLevel(FrameReader):
 
     def _flag(self, error: Detected) -> Bits:
         """Send an error flag, as the state before the error asks for, or an overload flag."""
-        passive = (self.confinement.passive or self.listen_only) and error.code != OVERLOAD
+        passive = self.confinement.passive and error.code != OVERLOAD
         unacknowledged = passive and error.code == ACK_ERROR
         if not unacknowledged:
             self._count(error)
@@ -142,7 +157,7 @@ class BitLevel(FrameReader):
     def _active_flag(self) -> Bits:
         self.field = "active error flag"
         for _ in range(FLAG_BITS):
-            if (yield DOMINANT) == RECESSIVE:
+            if (yield DOMINANT) == RECESSIVE and not self.listen_only:
                 raise Detected(BIT_ERROR, in_flag=True)
 
     def _passive_flag(self) -> Generator[int | None, int, bool]:

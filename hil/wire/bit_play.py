@@ -11,7 +11,7 @@ from hil.wire.bit_level import BitLevel
 from hil.wire.controller import Entry
 from hil.wire.duration import plan_of
 from hil.wire.frame_plan import DOMINANT, RECESSIVE
-from hil.wire.frame_reader import ARBITRATION_LOST, BUS_ERROR, CONFIRM, OVERLOAD
+from hil.wire.frame_reader import ARBITRATION_LOST, BUS_ERROR, CONFIRM
 
 if TYPE_CHECKING:
     from hil.wire.medium import Medium
@@ -25,34 +25,49 @@ class BitPlay:
     """The controllers of a medium while something disturbs it.
 
     flips: of the frame that begins now (None: to be asked for). begun: a frame that is on the wire since since_ns.
+    sender: of the frame behind which an intermission began at since_ns.
     """
 
-    def __init__(self, medium: "Medium", flips: Flips | None, begun: Entry | None = None, since_ns: int = 0) -> None:
+    def __init__(
+        self,
+        medium: "Medium",
+        flips: Flips | None,
+        begun: Entry | None = None,
+        since_ns: int = 0,
+        sender: "Port | None" = None,
+    ) -> None:
         self._medium = medium
         self._agenda = medium.agenda
         self._flips = flips
         self._index = 0
-        self._sides = {port: self._side(port) for port in medium.ports}
+        self._sides = {port: self._side(port, sender) for port in medium.ports}
         self._sending: dict[Port, Entry] = {}
         self._bit_since_ns = since_ns
-        if begun is None:
-            self._bit_begins(None)
+        if begun is not None:
+            self._send(next(port for port in self._sides if port.order == begun[1]), begun)
+            self._catch_up()
+        elif sender is not None:
+            self._catch_up()
         else:
-            self._catch_up(begun)
+            self._bit_begins(None)
 
-    @staticmethod
-    def _side(port: "Port") -> BitLevel:
-        return BitLevel(port.controller.confinement, port.controller.listen_only)
+    def _side(self, port: "Port", sender: "Port | None") -> BitLevel:
+        controller = port.controller
+        new = port in self._medium.newcomers
+        return BitLevel(controller.confinement, controller.listen_only, new, sender is not None, port is sender)
 
-    def _catch_up(self, begun: Entry) -> None:
+    def _catch_up(self) -> None:
         """Play what has gone undisturbed so far."""
-        since_ns = self._bit_since_ns
-        self._send(next(port for port in self._sides if port.order == begun[1]), begun)
         while (lasts_ns := self._lasts_ns()) <= self._agenda.now_ns - self._bit_since_ns:
             self._bit_since_ns += lasts_ns
-            self._sample(self._level())
-        self._medium.busy_ns += self._bit_since_ns - since_ns
-        self._agenda.at(self._bit_since_ns + lasts_ns, DELIVER, -1, self._bit_ends, None)
+            level = self._driven()
+            self._medium.busy_ns += lasts_ns if self._occupied(level) else 0
+            self._sample(level)
+        if self._bit_since_ns == self._agenda.now_ns:
+            self._agenda.at(self._bit_since_ns, ARBITRATE, -1, self._bit_begins, None)
+        else:
+            self._agenda.at(self._bit_since_ns + lasts_ns, DELIVER, -1, self._bit_ends, None)
+        self._report()
 
     def sending(self, port: "Port") -> Entry | None:
         """Return the frame that a participant has on the wire."""
@@ -62,6 +77,8 @@ class BitPlay:
         """Take a participant off the bus at once."""
         del self._sides[port]
         self._sending.pop(port, None)
+        if not self._sending:
+            self._flips = None
 
     def add(self, port: "Port") -> None:
         """Let a participant take part as soon as it has heard 11 recessive bits."""
@@ -70,12 +87,12 @@ class BitPlay:
     # -- a bit --
 
     def _lasts_ns(self) -> int:
-        """Return the length of the bit that comes: nominal, unless everybody is in the data phase."""
+        """Return the length of the bit that comes: of the data phase, unless somebody flags an error in it."""
         rates = self._medium.rates
-        busy = [side for side in self._sides.values() if side.busy]
-        if rates.data_bit_ns is not None and busy and all(side.fast for side in busy):
-            return rates.data_bit_ns
-        return rates.bit_ns
+        if rates.data_bit_ns is None or not any(side.fast for side in self._sides.values()):
+            return rates.bit_ns
+        flagged = any(side.drives == DOMINANT and not side.fast for side in self._sides.values())
+        return rates.bit_ns if flagged else rates.data_bit_ns
 
     def _bit_begins(self, _: None) -> None:
         if self._medium.play is not self and self._bit_since_ns:
@@ -102,8 +119,9 @@ class BitPlay:
         return self._agenda.now_ns - self._bit_since_ns == self._medium.rates.bit_ns != self._medium.rates.data_bit_ns
 
     def _level(self) -> int:
-        if self._medium.stuck:
-            return DOMINANT
+        return DOMINANT if self._medium.stuck else self._driven()
+
+    def _driven(self) -> int:
         return min((side.drives for side in self._sides.values()), default=RECESSIVE)
 
     def _sample(self, level: int) -> None:
@@ -125,11 +143,14 @@ class BitPlay:
         """Keep account of recessive bits and of a busy bus."""
         medium = self._medium
         if level == DOMINANT:
-            medium.recovery.dominant()
+            medium.recovery.dominant(self._bit_since_ns)
         elif not medium.recovery.listening:
             medium.recovery.recessive(self._bit_since_ns)
-        if level == DOMINANT or any(side.busy for side in self._sides.values()):
+        if self._occupied(level):
             medium.busy_ns += self._agenda.now_ns - self._bit_since_ns
+
+    def _occupied(self, level: int) -> bool:
+        return level == DOMINANT or any(side.occupied for side in self._sides.values())
 
     # -- frames --
 
@@ -137,7 +158,9 @@ class BitPlay:
         """Let everybody who may and wants to send begin; of equal identifiers the first node only."""
         begins: dict[int, tuple[Port, Entry]] = {}
         for port, side in self._sides.items():
-            if (side.idle or side.joining) and port.controller.acknowledges:
+            controller = port.controller
+            suspended = controller.suspended_until_ns > self._agenda.now_ns
+            if (side.idle or side.joining) and controller.sends and not suspended:
                 entry = self._medium.queues.head(port)
                 if entry is not None and entry[0] not in begins:
                     begins[entry[0]] = port, entry
@@ -167,8 +190,8 @@ class BitPlay:
                     self._fail(port, number, field)
                 else:
                     self._medium.delivery.receive(port, self._agenda.now_ns, number, data)
-            if happened:
-                self._medium.reporter.check_states()
+        if any(port.controller.standing != port.controller.told for port in self._sides):
+            self._medium.reporter.check_states()
 
     def _lose(self, port: "Port", bit: int) -> None:
         entry = self._sending.pop(port)
@@ -177,7 +200,7 @@ class BitPlay:
 
     def _fail(self, port: "Port", code: int, field: str) -> None:
         entry = self._sending.pop(port, None)
-        if code != OVERLOAD:
+        if not self._sending:
             self._flips = None
         if entry is None:
             self._medium.reporter.bus_error(port, code, field)

@@ -76,7 +76,7 @@ class Confinement:
             self.tec -= 1
 
     def received(self) -> None:
-        """Rule 8: a frame was received without an error."""
+        """Rule 8: a frame was received without an error up to the ACK slot, and acknowledged."""
         if self.rec:
             self.rec = RECOVERED_REC if self.rec >= PASSIVE_LIMIT else self.rec - 1
 

@@ -86,6 +86,16 @@ class Controller:
         return not self.listen_only and not self.leaving and not self.confinement.off
 
     @property
+    def sends(self) -> bool:
+        """Whether it may send what waits."""
+        return not self.listen_only and not self.confinement.off
+
+    @property
+    def standing(self) -> tuple[int, bool]:
+        """Error state, and whether a counter is at the warning limit; `told` is what everybody knows of it."""
+        return self.confinement.state, self.confinement.warning
+
+    @property
     def plain(self) -> bool:
         """Whether nothing about it needs care: no error counted, nothing configured beyond the usual."""
         return self.confinement.clean and not self.discards

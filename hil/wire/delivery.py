@@ -63,7 +63,7 @@ class Delivery:
     def _route(self, identifier: int) -> list[tuple[Port, int]]:
         """Find who accepts an identifier, and what it does with it; found once, kept."""
         key = route_key(identifier)
-        acceptances = [(port, port.accepts(key)) for port in self._medium.ports]
+        acceptances = [(port, port.accepts(key)) for port in self._medium.ports if not port.controller.confinement.off]
         route = [(port, how) for port, how in acceptances if how != IGNORES]
         if len(self._routes) >= ROUTES:
             self._routes.clear()

@@ -43,8 +43,13 @@ WHAT = {BIT_ERROR: 0x01, FORM_ERROR: 0x02, STUFF_ERROR: 0x04, OVERLOAD: 0x20}
 WHILE_SENDING = 0x80
 WHERE = {
     "SOF": 0x03,
-    "ID": 0x02,
-    "RTR": 0x04,
+    "ID 28-21": 0x02,
+    "ID 20-18": 0x06,
+    "SRTR": 0x04,
+    "ID 17-13": 0x07,
+    "ID 12-5": 0x0F,
+    "ID 4-0": 0x0E,
+    "RTR": 0x0C,
     "IDE": 0x05,
     "r1": 0x0D,
     "r0": 0x09,
@@ -93,7 +98,7 @@ def error_frame(event: BusEvent) -> tuple[int, bytes]:
     if event.name == BUS_ERROR:
         kind |= BUS_ERROR_CLASS | (NO_ACK if event.code == ACK_ERROR else PROTOCOL)
         data[2] = WHAT.get(event.code, 0) | WHILE_SENDING * event.sending
-        data[3] = WHERE.get(event.field, 0)
+        data[3] = WHERE["CRC"] if event.code == CRC_ERROR else WHERE.get(event.field, 0)
     elif event.name == ARBITRATION_LOST:
         kind |= LOST_ARBITRATION
         data[0] = min(event.number, 255)

@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable, Sequence
 from math import log
 
-from hil.wire.agenda import FAULT
+from hil.wire.agenda import ARBITRATE, FAULT
 from hil.wire.bit_play import Flips
 from hil.wire.duration import plan_of
 from hil.wire.fault import Babble, BitError, BitErrorRate, CutOff, Fault, Interval, Overrun, QueueDelay, StuckDominant
@@ -92,7 +92,6 @@ class FaultScript:
         port = self._port(fault.node) if isinstance(fault, Interval) else None
         if port is None:
             return
-        medium = self._kernel.medium
         if isinstance(fault, Overrun):
             port.controller.overrun = on
         elif isinstance(fault, QueueDelay):
@@ -100,11 +99,17 @@ class FaultScript:
         elif isinstance(fault, CutOff):
             (self._kernel.cut_off if on else self._kernel.rejoin)(port)
         elif isinstance(fault, StuckDominant):
-            (medium.stuck.add if on else medium.stuck.discard)(port)
-            medium.assess()
-            medium.disturb()
+            # The bits that end now are past: it acts on those that begin.
+            self._kernel.agenda.at(self._kernel.now_ns, ARBITRATE, -2, self._stick, (port, on))
         elif isinstance(fault, Babble):
             self._babble(fault, port, on)
+
+    @staticmethod
+    def _stick(switch: tuple[Port, bool]) -> None:
+        port, on = switch
+        port.medium.disturb()
+        (port.medium.stuck.add if on else port.medium.stuck.discard)(port)
+        port.medium.assess()
 
     def _babble(self, fault: Babble, port: Port, on: bool) -> None:
         """Keep one such frame in the queue: the end of each begins the next."""

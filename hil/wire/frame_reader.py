@@ -19,6 +19,10 @@ BIT_ERROR, STUFF_ERROR, FORM_ERROR, CRC_ERROR, ACK_ERROR, OVERLOAD = range(1, 7)
 
 EOF_BITS = 7
 
+BASE_IDENTIFIER = ("ID 28-21", 8), ("ID 20-18", 3)
+IDENTIFIER_EXTENSION = ("ID 17-13", 5), ("ID 12-5", 8), ("ID 4-0", 5)
+"""Parts and widths, as linux/can/error.h tells them apart; the first two are the bits 10 to 3 and 2 to 0 of 11."""
+
 Bits = Generator[int | None, int, None]
 Value = Generator[int | None, int, int]
 
@@ -41,7 +45,7 @@ class Detected(Exception):
 class FrameReader:
     """One controller in the middle of a frame. fast: it is in the data phase. happened: since that was read last.
 
-    listen_only: it never drives the bus, and counts no errors.
+    listen_only: it never drives the bus, takes what it would drive for what it sees, and counts no errors.
     """
 
     def __init__(self, confinement: Confinement, listen_only: bool) -> None:
@@ -83,17 +87,20 @@ class FrameReader:
         yield from self._end_of_frame(identifier, content)
 
     def _arbitration_field(self) -> Value:
-        self.field = "ID"
-        identifier = yield from self._read(11)
-        self.field = "RTR"
+        identifier = yield from self._identifier(BASE_IDENTIFIER, 0)
+        self.field = "SRTR"
         remote = yield from self._read(1)
         self.field = "IDE"
         if (yield from self._read(1)) == RECESSIVE:
-            self.field = "ID"
-            identifier = EXTENDED | identifier << 18 | (yield from self._read(18))
+            identifier = EXTENDED | (yield from self._identifier(IDENTIFIER_EXTENSION, identifier))
             self.field = "RTR"
             remote = yield from self._read(1)
         return identifier | REMOTE * remote
+
+    def _identifier(self, parts: tuple[tuple[str, int], ...], identifier: int) -> Value:
+        for self.field, width in parts:
+            identifier = identifier << width | (yield from self._read(width))
+        return identifier
 
     def _fd_control(self) -> Value:
         """Read what follows FDF: res, BRS, ESI."""
@@ -138,8 +145,13 @@ class FrameReader:
         if self._transmitter:
             if (yield RECESSIVE) == RECESSIVE:
                 raise Detected(ACK_ERROR)
+        elif intact:
+            if (yield DOMINANT) == RECESSIVE and not self.listen_only:
+                raise Detected(BIT_ERROR)
+            if not self.listen_only:
+                self.confinement.received()
         else:
-            yield DOMINANT if intact else RECESSIVE
+            yield RECESSIVE
         self._position += 1
         self.field = "ACK delimiter"
         if (yield from self._bit()) == DOMINANT:
@@ -159,8 +171,6 @@ class FrameReader:
             self._say(CONFIRM, identifier, data)
             return
         last = yield RECESSIVE
-        if not self.listen_only:
-            self.confinement.received()
         self._say(RECEIVED, identifier, data)
         if last == DOMINANT:
             raise Detected(OVERLOAD)

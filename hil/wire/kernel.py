@@ -98,17 +98,17 @@ class Kernel:
         if port not in self._apart:
             waiting = self.medium.detach(port)
             self._apart[port] = Medium(self.agenda, self.medium.rates, self.medium.functional)
-            self._move(port, self._apart[port], waiting)
+            self._move(port, self._apart[port], waiting, False)
 
     def rejoin(self, port: Port) -> None:
         """Mend the cable; it takes part when it has heard 11 recessive bits."""
         if port in self._apart:
             waiting = self._apart.pop(port).detach(port)
-            self._move(port, self.medium, waiting)
+            self._move(port, self.medium, waiting, True)
 
-    def _move(self, port: Port, medium: Medium, waiting: Sequence[Entry]) -> None:
+    def _move(self, port: Port, medium: Medium, waiting: Sequence[Entry], mended: bool) -> None:
         medium.reporter.listeners = self.medium.reporter.listeners
-        medium.attach(port)
+        medium.attach(port, mended)
         medium.adopt(waiting)
 
     # -- what others ask --

@@ -11,13 +11,14 @@ from typing import Protocol
 
 from hil.wire import controller as cause
 from hil.wire.agenda import ARBITRATE, DELIVER, QUEUE, Agenda
-from hil.wire.bit_level import DELIMITER_BITS, FLAG_BITS, INTERMISSION_BITS, SUSPEND_BITS
+from hil.wire.bit_level import INTERMISSION_BITS, SUSPEND_BITS
 from hil.wire.bit_play import BitPlay, Flips
 from hil.wire.controller import Entry
 from hil.wire.delivery import Delivery
 from hil.wire.duration import duration_ns
-from hil.wire.frame_reader import ACK_ERROR, EOF_BITS
+from hil.wire.frame_reader import EOF_BITS
 from hil.wire.identifier import ESI, FD
+from hil.wire.lone_sender import TAIL_BITS, not_acknowledged
 from hil.wire.port import LONG_AGO_NS, Port
 from hil.wire.rates import Rates
 from hil.wire.recovery import Recovery
@@ -44,6 +45,7 @@ class Medium:
         self.faults: Faults | None = None
         self.stuck: set[Port] = set()
         self.play: BitPlay | None = None
+        self.newcomers: set[Port] = set()
         self.recovery = Recovery(self)
         self.busy_ns = 0
         self.queues = TransmitQueues()
@@ -54,14 +56,18 @@ class Medium:
         self._plain = False
         self._free_from_ns = LONG_AGO_NS
         self._current: Entry | None = None
+        self._sender: Port | None = None
         self._since_ns = 0
         self._planned_ns = 0
 
     # -- who takes part --
 
-    def attach(self, port: Port) -> None:
-        """Add a participant; it takes part from the next frame on."""
+    def attach(self, port: Port, mended: bool = False) -> None:
+        """Add a participant; on a busy bus, or with a mended cable, it takes part behind 11 recessive bits."""
         port.medium, port.agenda = self, self.agenda
+        if not self.functional and (mended or self._current is not None or self.agenda.now_ns < self._free_from_ns):
+            self.disturb()
+            self.newcomers.add(port)
         self.ports.append(port)
         self.ports.sort(key=lambda each: each.order)
         self._by_order[port.order] = port
@@ -77,6 +83,7 @@ class Medium:
         self.ports.remove(port)
         del self._by_order[port.order]
         self.stuck.discard(port)
+        self.newcomers.discard(port)
         if self.play is not None:
             self.play.drop(port)
         self.assess()
@@ -96,6 +103,7 @@ class Medium:
         self._plain = self.functional or (
             self.faults is None
             and not self.stuck
+            and not self.newcomers
             and len(ready) > 1
             and all(port.controller.plain for port in self.ports)
         )
@@ -123,6 +131,9 @@ class Medium:
     def _enter(self, port: Port, identifier: int, data: bytes) -> None:
         """Let a frame enter arbitration, at the earliest when all of this instant are queued."""
         if port.order not in self._by_order:
+            return
+        if port.controller.listen_only:
+            self.queues.count_out(port, cause.LISTEN_ONLY)
             return
         self.queues.enter(port, identifier, data, self.agenda.now_ns)
         if self._idle:
@@ -194,7 +205,7 @@ class Medium:
         if not able:
             waits = [self._by_order[entry[1]].controller.suspended_until_ns for entry in self.queues.pending]
             until_ns = min((wait for wait in waits if wait > now_ns), default=None)
-            self._idle = until_ns is None
+            self._idle = True
             if until_ns is not None:
                 self.agenda.at(until_ns, ARBITRATE, -1, self._arbitrate, None)
             return
@@ -205,8 +216,9 @@ class Medium:
         self._start_with_care(winner)
 
     def _able(self, entry: Entry, now_ns: int) -> bool:
-        controller = self._by_order[entry[1]].controller
-        return not controller.confinement.off and controller.suspended_until_ns <= now_ns
+        port = self._by_order[entry[1]]
+        off = port.controller.confinement.off or port in self.newcomers
+        return not off and port.controller.suspended_until_ns <= now_ns
 
     def _losers(self, able: list[Entry], winner: Entry) -> list[Entry]:
         """Return the frames that are given up because they lose."""
@@ -222,7 +234,7 @@ class Medium:
 
     def _start_with_care(self, entry: Entry) -> None:
         port = self._by_order[entry[1]]
-        self.recovery.dominant()
+        self.recovery.dominant(self.agenda.now_ns)
         flips = self.flips(entry)
         if flips or self.stuck:
             self.queues.put([entry])
@@ -244,7 +256,7 @@ class Medium:
         if entry is not self._current:
             return
         self._current = None
-        port = self._by_order[entry[1]]
+        self._sender = port = self._by_order[entry[1]]
         port.controller.sent += 1
         port.controller.unheard = False
         self.leave_queue(port)
@@ -277,29 +289,21 @@ class Medium:
     def _start_unacknowledged(self, entry: Entry) -> None:
         """Begin a frame that nobody will acknowledge: the error is due behind the ACK slot."""
         self._current, self._since_ns = entry, self.agenda.now_ns
-        lasts_ns = duration_ns(self.identifier(entry), entry[5], self.rates) - (1 + EOF_BITS) * self._bit_ns
+        lasts_ns = duration_ns(self.identifier(entry), entry[5], self.rates) - TAIL_BITS * self._bit_ns
         self._planned_ns = lasts_ns
         self.busy_ns += lasts_ns
         self.agenda.at(self.agenda.now_ns + lasts_ns, DELIVER, entry[1], self._not_acknowledged, entry)
 
     def _not_acknowledged(self, entry: Entry) -> None:
-        """End it as bit by bit: flag, delimiter, intermission; a passive sender's flag disturbs and counts nothing."""
         if entry is not self._current:
             return
         self._current = None
-        port, bit_ns, now_ns = self._by_order[entry[1]], self._bit_ns, self.agenda.now_ns
-        confinement = port.controller.confinement
-        if confinement.passive:
-            self.recovery.recessive(now_ns - 2 * bit_ns)
-        else:
-            confinement.transmitter_error()
-            self.recovery.recessive(now_ns + FLAG_BITS * bit_ns)
-        self.failed(port, entry, ACK_ERROR, "ACK slot")
-        rest = (FLAG_BITS + DELIMITER_BITS + INTERMISSION_BITS) * bit_ns
-        self.busy_ns += rest
-        self._free_from_ns = now_ns + rest
-        if confinement.passive:
-            port.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * bit_ns
+        self._sender = self._by_order[entry[1]]
+        rest_ns = not_acknowledged(self, self._sender, entry)
+        self.busy_ns += rest_ns
+        self._free_from_ns = self.agenda.now_ns + rest_ns
+        if self._sender.controller.confinement.passive:
+            self._sender.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * self._bit_ns
         self.reporter.check_states()
         self._idle = False
         self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
@@ -330,12 +334,25 @@ class Medium:
             self.play = BitPlay(self, None, entry, self._since_ns)
 
     def _play_from_here(self, _: None) -> None:
-        if self.play is None and self._current is None:
+        """Go on between frames; an error frame that was computed whole ends first."""
+        now_ns, rest_ns = self.agenda.now_ns, INTERMISSION_BITS * self._bit_ns
+        suspended_ns = max((port.controller.suspended_until_ns for port in self.ports), default=now_ns)
+        if self.play is not None:
+            return
+        if self._current is not None:
+            self.disturb()
+        elif now_ns < self._free_from_ns - rest_ns:
+            self.agenda.at(self._free_from_ns - rest_ns, ARBITRATE, -1, self._play_from_here, None)
+        elif now_ns < max(self._free_from_ns, suspended_ns) and self._sender in self.ports:
+            self.busy_ns -= rest_ns
+            self.play = BitPlay(self, None, None, self._free_from_ns - rest_ns, self._sender)
+        else:
             self.play = BitPlay(self, None)
 
     def resume(self) -> None:
         """Compute frames whole again: everybody is idle."""
         self.play = None
+        self.newcomers.clear()
         self._free_from_ns = self.agenda.now_ns
         self._idle = True
         self.assess()

@@ -23,12 +23,12 @@ class Recovery:
         """Whether the bus is recessive, as far as it was told."""
         return self._since_ns is not None
 
-    def dominant(self) -> None:
-        """The bus becomes dominant now."""
-        since_ns, self._since_ns = self._since_ns, None
-        if since_ns is not None:
+    def dominant(self, since_ns: int) -> None:
+        """The bus has been dominant since then."""
+        recessive_ns, self._since_ns = self._since_ns, None
+        if recessive_ns is not None:
             for port in list(self.off):
-                self._hear(port, since_ns)
+                self._hear(port, recessive_ns, since_ns)
 
     def recessive(self, since_ns: int) -> None:
         """The bus has been recessive since then."""
@@ -48,10 +48,10 @@ class Recovery:
     def _look(self, expected: tuple["Port", int]) -> None:
         port, since_ns = expected
         if since_ns == self._since_ns and port in self.off:
-            self._hear(port, since_ns)
+            self._hear(port, since_ns, self._medium.agenda.now_ns)
 
-    def _hear(self, port: "Port", since_ns: int) -> None:
-        heard_ns = self._medium.agenda.now_ns - self._begin_ns(port, since_ns)
+    def _hear(self, port: "Port", since_ns: int, until_ns: int) -> None:
+        heard_ns = until_ns - self._begin_ns(port, since_ns)
         confinement = port.controller.confinement
         if heard_ns < 0:
             return

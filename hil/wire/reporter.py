@@ -45,12 +45,11 @@ class Reporter:
         now_ns = self._medium.agenda.now_ns
         for port in self._medium.ports:
             controller = port.controller
-            state = controller.confinement.state, controller.confinement.warning
-            if state != controller.told:
-                before, controller.told = controller.told[0], state
+            if controller.standing != controller.told:
+                before, controller.told = controller.told[0], controller.standing
                 if controller.confinement.off:
                     controller.off_since_ns = now_ns
-                self._tell(BusEvent(now_ns, port, STATUS, state[0], before=before))
+                self._tell(BusEvent(now_ns, port, STATUS, controller.told[0], before=before))
         self._medium.assess()
         self._medium.recovery.expect()
 

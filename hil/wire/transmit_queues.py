@@ -57,14 +57,20 @@ class TransmitQueues:
     def leave(self, port: Port, reason: str | None) -> None:
         """Count a frame out: sent, or lost for a reason; a first-in-first-out queue moves up."""
         controller = port.controller
-        controller.queued -= 1
-        controller.left += 1
-        if reason is not None:
-            controller.lost[reason] += 1
+        self.count_out(port, reason)
         if controller.fifo:
             controller.waiting.popleft()
             if controller.waiting:
                 heappush(self.pending, controller.waiting[0])
+
+    @staticmethod
+    def count_out(port: Port, reason: str | None) -> None:
+        """Count a frame out that has not yet taken part in arbitration, or does no longer."""
+        controller = port.controller
+        controller.queued -= 1
+        controller.left += 1
+        if reason is not None:
+            controller.lost[reason] += 1
 
     def flush(self, port: Port, reason: str, sending: Entry | None) -> None:
         """Drop what somebody has to send; what is being sent now is not sent again."""

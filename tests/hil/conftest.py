@@ -8,6 +8,12 @@ from pathlib import Path
 import can
 import pytest
 
+from hil.wire.agenda import FAULT, QUEUE
+from hil.wire.events import ERROR_NAMES, STATUS
+from hil.wire.faults import FaultScript
+from hil.wire.frame_reader import BUS_ERROR
+from hil.wire.kernel import Kernel
+
 BOUND_S = 30
 
 
@@ -96,3 +102,126 @@ def backend(request, serve_once, shared_runtime, monkeypatch):
 def pair(backend):
     """Two buses on one channel."""
     return backend.pair()
+
+
+# -- the wire inline, in bits --
+
+
+class Everything:
+    def __contains__(self, identifier):
+        return True
+
+
+class Listener:
+    """A participant that takes every frame and sends only what its port is told to."""
+
+    wakes_on = Everything()
+    stores = ()
+
+    def __init__(self, name, bit_ns):
+        self.name, self._bit_ns = name, bit_ns
+        self.arrivals = []
+
+    def start(self, _now_ns):
+        return 0, None, []
+
+    def wake(self, _now_ns, _stored, cause):
+        end_ns, identifier, data = cause
+        self.arrivals.append((in_bits(end_ns, self._bit_ns), identifier, bytes(data)))
+        return 0, None, []
+
+
+def in_bits(time_ns, bit_ns):
+    """Bits since time 0, a whole number where it is one."""
+    whole, rest = divmod(time_ns, bit_ns)
+    return whole + rest / bit_ns if rest else whole
+
+
+class Wire:
+    """A bus of named nodes; times are bit times since 0, when the first bit of the first frame begins.
+
+    frames: (end, sender, identifier, data). errors: (when its flag begins, node, error, field).
+    """
+
+    def __init__(self, names="abc", script=(), seed=0, bit_ns=1000, data_bit_ns=None):
+        self.bit_ns = bit_ns
+        self.kernel = Kernel(bit_ns=bit_ns, data_bit_ns=data_bit_ns)
+        self.nodes, self.ports = {}, {}
+        self.frames, self.events = [], []
+        for name in names:
+            self.join(name)
+        FaultScript(script, seed).install(self.kernel)
+        self.kernel.watchers.append(self._frame)
+        self.kernel.listeners.append(self._event)
+        self.kernel.start()
+
+    def __getitem__(self, name):
+        return self.ports[name].controller
+
+    def _frame(self, end_ns, identifier, data, sender):
+        self.frames.append((in_bits(end_ns, self.bit_ns), sender, identifier, bytes(data)))
+
+    def _event(self, event):
+        self.events.append((in_bits(event.time_ns, self.bit_ns), event))
+
+    # -- what happens to it --
+
+    def join(self, name):
+        self.nodes[name] = Listener(name, self.bit_ns)
+        self.ports[name] = self.kernel.join(self.nodes[name])
+
+    def set(self, name, tec=0, rec=0, **settings):
+        """Give a controller error counters and settings before anything happens."""
+        controller = self[name]
+        confinement = controller.confinement
+        confinement.tec, confinement.rec, confinement.off = tec, rec, tec > 255
+        for setting, value in settings.items():
+            setattr(controller, setting, value)
+        controller.told = confinement.state, confinement.warning
+        self.kernel.medium.assess()
+        return self
+
+    def send(self, name, identifier, data=b"", at=0):
+        """Let a node queue a frame at this bit time."""
+        port = self.ports[name]
+        self.kernel.agenda.at(round(at * self.bit_ns), QUEUE, port.order, port.queue, (identifier, data))
+        return self
+
+    def call(self, at, action):
+        """Carry something out at this bit time, before frames end."""
+        self.kernel.agenda.at(round(at * self.bit_ns), FAULT, -1, lambda _: action(), None)
+        return self
+
+    def run(self, bits):
+        self.kernel.run(round(bits * self.bit_ns))
+        return self
+
+    # -- what came of it --
+
+    @property
+    def errors(self):
+        return [(t, e.port.name, ERROR_NAMES[e.code], e.field) for t, e in self.events if e.name == BUS_ERROR]
+
+    @property
+    def states(self):
+        return [(t, e.port.name, e.code) for t, e in self.events if e.name == STATUS]
+
+    def ends(self, sender=None):
+        """When frames ended."""
+        return [frame[0] for frame in self.frames if sender in (None, frame[1])]
+
+    def got(self, name):
+        """When a node got frames."""
+        return [arrival[0] for arrival in self.nodes[name].arrivals]
+
+    def counters(self, name):
+        return self[name].confinement.tec, self[name].confinement.rec
+
+    def lost(self, name):
+        return dict(self[name].lost)
+
+
+@pytest.fixture
+def wire():
+    """The class of buses that tests of error handling drive inline."""
+    return Wire
