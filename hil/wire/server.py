@@ -79,9 +79,9 @@ class Server:
         self._go_on = go_on
         self._lost_by_departed = 0
         self._started = False
-        self._running = False
         self._over = False
         self._waited = False
+        self._until_ns: int | None = None
         self._guests: list[tuple[str, Hello, Connection]] = []
         self._door = Door(
             [bus.listener for bus in buses], self._receive_guest, lambda command: control.obey(self, command)
@@ -129,11 +129,11 @@ class Server:
     def run(self, until_ns: int) -> None:
         """Carry virtual time to until_ns, or until it is stopped or every timed client has left."""
         agenda = self.agenda
-        self._running = True
+        self._until_ns = until_ns
         while (agenda.now_ns < until_ns or agenda.has_due(until_ns)) and not agenda.stopped and not self.deserted:
             self._advance(until_ns)
             self.poll(self._patience_s(until_ns))
-        self._running = False
+        self._until_ns = None
         while self._lingers and not agenda.stopped and agenda.has_due(until_ns):
             agenda.run(until_ns, most=1)
 
@@ -203,8 +203,8 @@ class Server:
     def poll(self, timeout_s: float) -> None:
         """Look after the connections, waiting at most timeout_s of wall time for something to do."""
         ready = self._selector.select(timeout_s)
-        if ready and self._running and not self.pace.unlimited:
-            self._advance(FAR_NS)  # what arrives now is stamped now
+        if ready and self._until_ns is not None and not self.pace.unlimited:
+            self._advance(self._until_ns)  # what arrives now is stamped now
         for key, _ in ready:
             key.data()
         while self._guests and not self._over:
@@ -280,7 +280,7 @@ class Server:
 
     def _bury(self) -> None:
         """Remove timed clients that died while they waited for their turn."""
-        for client in self.timed.values():
+        for client in list(self.timed.values()):
             if not client.left and client.connection.is_closed():
                 client.expel(f"{client.name} is gone: its connection to the bus broke")
 

@@ -15,9 +15,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from hil import pace as pace_module
 from hil.drive import Direct
-from hil.errors import NodeError
+from hil.errors import ChannelError, NodeError
+from hil.pace import Pace
 from hil.wire import channel, control, protocol
+from hil.wire import client as client_module
 from hil.wire import door as door_module
 from hil.wire import observer as observer_module
 from hil.wire import participants as participants_module
@@ -1217,3 +1220,24 @@ def test_who_controls_the_clock_is_told_whom_the_bus_waits_for(bench, monkeypatc
     assert answers[0]["waiting_for"]["name"] == "slow"
     assert answers[0]["waiting_for"]["seconds"] >= 0.02
     assert answers[0]["missing"] == []
+
+
+def test_paced_run_goes_no_further_than_it_was_told_though_somebody_speaks(bench, monkeypatch):
+    """The wall clock is far ahead as an observer's frame is read: it is stamped at the end of the run, not later."""
+    seconds = iter(range(1000))
+    monkeypatch.setattr(pace_module, "time", SimpleNamespace(monotonic=lambda: float(next(seconds))))
+    bench = bench(inline=[Chatter(1000)], pace=Pace(1.0))
+    speaker, _, _ = bench.introduce("speaker")
+    bench.start()
+    speaker.send(protocol.SEND, protocol.encode_frames([(0, 0x123, b"")]))
+    bench.server.run(1_000_000)
+    assert bench.kernel.now_ns == 1_000_000
+    assert len(bench.log) == 4
+
+
+def test_bus_that_does_not_answer_a_command_is_an_error_after_a_while(monkeypatch):
+    monkeypatch.setattr(client_module, "CONTROL_S", 0.05)
+    listener = Listener("arm")
+    with pytest.raises(ChannelError, match="'arm': the bus does not answer within"):
+        client_module.control("arm", command="status")
+    listener.close()
