@@ -104,7 +104,7 @@ class Door:
             self._selector.register(connection, selectors.EVENT_READ, lambda: self._read_command(connection))
             self._obey(connection)  # what came together with HELLO
         else:
-            connection.longest = protocol.LONGEST_MESSAGE
+            connection.longest = protocol.LONGEST_FROM_CLIENT
             self._admit(channel, hello, connection)
 
     def _read_command(self, connection: Connection) -> None:

@@ -11,7 +11,7 @@ from hil.wire.hello import Hello
 from hil.wire.identifier import refusal
 from hil.wire.participants import Client, acceptance
 from hil.wire.port import IGNORES, WATCHES, Arrival, Port
-from hil.wire.protocol import LONGEST_MESSAGE, Closed, Connection, ProtocolError
+from hil.wire.protocol import LONGEST_FROM_CLIENT, Closed, Connection, ProtocolError
 
 OBSERVER_BYTES = 64 << 20
 """What is kept for an observer that reads too slowly; more is lost, and counted."""
@@ -84,7 +84,7 @@ class Observer(Client):
             raise ProtocolError(f"message {kind} from an observer")
         if not started:
             self.early.append((kind, body))
-            if len(self.early) > EARLY_MESSAGES or sum(len(each) for _, each in self.early) > LONGEST_MESSAGE:
+            if len(self.early) > EARLY_MESSAGES or sum(len(each) for _, each in self.early) > LONGEST_FROM_CLIENT:
                 raise ProtocolError(f"more than {EARLY_MESSAGES} messages, or too long ones, before time begins")
         elif kind == protocol.SEND:
             self._queue(protocol.decode_frames(body))

@@ -31,7 +31,9 @@ from hil.wire.port import Arrival
 
 HELLO, WELCOME, REFUSED, START, GRANT, YIELD, LEAVE, FRAMES, SEND, END, CONFIGURE, CONTROL, STATUS = range(1, 14)
 
-LONGEST_MESSAGE = 1 << 20
+LONGEST_MESSAGE = 1 << 24
+LONGEST_FROM_CLIENT = 1 << 20
+"""A client that says more at once is shown out; what a bus has stored for one may be longer."""
 """Bytes, enough for the longest list that hello.py allows: what one client can make the bus keep."""
 FAR_NS = 1 << 62
 """Later than anything happens."""

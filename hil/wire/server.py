@@ -134,8 +134,8 @@ class Server:
             self._advance(until_ns)
             self.poll(self._patience_s(until_ns))
         self._until_ns = None
-        while self._lingers and not agenda.stopped and agenda.has_due(until_ns):
-            agenda.run(until_ns, most=1)
+        while self._lingers and not agenda.stopped and agenda.next_ns is not None and agenda.next_ns <= until_ns:
+            agenda.run(agenda.next_ns, most=1)
 
     def _advance(self, until_ns: int) -> None:
         """Carry time on by a slice, as far as the pace allows; where nothing will happen any more, leave it."""

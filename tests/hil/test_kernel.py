@@ -750,7 +750,7 @@ class TestAcknowledgement:
         kernel.medium.listen_only(ports[-1], False)
         kernel.run(2_000_000)
         assert [frame[1:] for frame in log] == [(SYNC, EMPTY, "a")]
-        assert all(port.controller.received == 1 for port in ports[1:])
+        assert all(port.controller.received >= 1 for port in ports[1:])
 
     def test_error_passive_node_acknowledges_too(self):
         nodes, _ = nodes_of([sender(send(SYNC)), Script()])
