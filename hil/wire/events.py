@@ -20,7 +20,7 @@ from hil.wire.frame_reader import (
     STUFF_ERROR,
 )
 from hil.wire.identifier import ERROR
-from hil.wire.port import Port
+from hil.wire.port import ALL_ERRORS, OWN_ERRORS, Port
 
 STATUS, OVERRUN = "Status", "Receive Overrun"
 
@@ -86,6 +86,14 @@ class BusEvent(NamedTuple):
     sending: bool = False
     number: int = 0
     before: int = ERROR_ACTIVE
+
+
+def show(event: BusEvent) -> None:
+    """Show an event as an error frame to whoever on its bus listens for those."""
+    arrival = (event.time_ns, *error_frame(event))
+    for port in event.port.medium.ports:
+        if port.hears == ALL_ERRORS or (port.hears == OWN_ERRORS and port is event.port):
+            port.hear(arrival)
 
 
 def error_frame(event: BusEvent) -> tuple[int, bytes]:

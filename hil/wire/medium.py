@@ -7,12 +7,11 @@ Ref: ISO 11898-1:2015, 10.4.6 (intermission), 10.8 (arbitration), 12.1.4 (fault 
 """
 
 from collections.abc import Sequence
-from typing import Protocol
 
 from hil.wire import controller as cause
 from hil.wire.agenda import ARBITRATE, DELIVER, QUEUE, Agenda
 from hil.wire.bit_level import INTERMISSION_BITS, SUSPEND_BITS
-from hil.wire.bit_play import BitPlay, Flips
+from hil.wire.bit_play import BitPlay, Faults, Flips
 from hil.wire.controller import Entry
 from hil.wire.delivery import Delivery
 from hil.wire.duration import duration_ns
@@ -23,14 +22,7 @@ from hil.wire.port import LONG_AGO_NS, Port
 from hil.wire.rates import Rates
 from hil.wire.recovery import Recovery
 from hil.wire.reporter import Reporter
-from hil.wire.transmit_queues import TransmitQueues
-
-
-class Faults(Protocol):
-    """What disturbs frames."""
-
-    def flips(self, sender: str, identifier: int, data: bytes) -> Flips:
-        """Return the bits of this frame that are inverted, and for whom."""
+from hil.wire.transmit_queues import TransmitQueues, losers
 
 
 class Medium:
@@ -91,10 +83,8 @@ class Medium:
 
     def _matters(self, port: Port, current: Entry) -> bool:
         """Return whether a frame on the wire needs this participant: its sender, or the only one to acknowledge it."""
-        others = {port.order, current[1]}
-        return port.order == current[1] or not any(
-            other.controller.acknowledges for other in self.ports if other.order not in others
-        )
+        others = [each for each in self.ports if each is not port and each.order != current[1]]
+        return port.order == current[1] or not any(each.controller.acknowledges for each in others)
 
     def assess(self) -> None:
         """Look at everybody anew: after a change of who takes part, of filters, of error states."""
@@ -120,13 +110,12 @@ class Medium:
         controller.queued += 1
         if controller.queue_delay_ns:
             due_ns = self.agenda.now_ns + controller.queue_delay_ns
-            self.agenda.at(due_ns, QUEUE, port.order, self._enter_late, (port, identifier, data))
+            self.agenda.at(
+                due_ns, QUEUE, port.order, lambda frame: port.medium._enter(*frame), (port, identifier, data)
+            )
         else:
             self._enter(port, identifier, data)
         return True
-
-    def _enter_late(self, frame: tuple[Port, int, bytes]) -> None:
-        frame[0].medium._enter(*frame)
 
     def _enter(self, port: Port, identifier: int, data: bytes) -> None:
         """Let a frame enter arbitration, at the earliest when all of this instant are queued."""
@@ -210,7 +199,8 @@ class Medium:
                 self.agenda.at(until_ns, ARBITRATE, -1, self._arbitrate, None)
             return
         winner = min(able)
-        for loser in self._losers(able, winner):
+        discarding = {port.order for port in self.ports if port.controller.discards}
+        for loser in losers(able, winner, discarding):
             self.lose(self._by_order[loser[1]], loser, 32 - (loser[0] ^ winner[0]).bit_length())
         self.queues.take(winner)
         self._start_with_care(winner)
@@ -219,12 +209,6 @@ class Medium:
         port = self._by_order[entry[1]]
         off = port.controller.confinement.off or port in self.newcomers
         return not off and port.controller.suspended_until_ns <= now_ns
-
-    def _losers(self, able: list[Entry], winner: Entry) -> list[Entry]:
-        """Return the frames that are given up because they lose."""
-        ports = {entry[1] for entry in able if self._by_order[entry[1]].controller.discards} - {winner[1]}
-        heads = [min(entry for entry in able if entry[1] == order) for order in sorted(ports)]
-        return [head for head in heads if head[0] != winner[0]]
 
     def lose(self, port: Port, entry: Entry, bit: int) -> None:
         """Arbitration Lost: give the frame up, and say so."""

@@ -20,12 +20,11 @@ from hil.wire import control, protocol
 from hil.wire.admission import objection
 from hil.wire.channel import Listener
 from hil.wire.door import Door, refuse
-from hil.wire.events import BusEvent, error_frame
+from hil.wire.events import show
 from hil.wire.hello import Hello
 from hil.wire.kernel import Kernel
 from hil.wire.observer import Observer
 from hil.wire.participants import Client, OnWait, TimedClient
-from hil.wire.port import ALL_ERRORS, OWN_ERRORS
 from hil.wire.protocol import FAR_NS, Closed, Connection, ProtocolError
 
 SLICE_NS = 5_000_000
@@ -89,7 +88,7 @@ class Server:
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._door, selectors.EVENT_READ, self._door.attend)
         for bus in buses:
-            bus.kernel.listeners.append(self._tell_error)
+            bus.kernel.listeners.append(show)
         for channel, observer in observers:
             observer.renew()
             self._seat(channel, observer)
@@ -348,10 +347,3 @@ class Server:
         except ProtocolError as error:
             refuse(observer.connection, str(error))
             self._dismiss(observer)
-
-    def _tell_error(self, event: BusEvent) -> None:
-        """Show an event as an error frame to whoever listens for those."""
-        arrival = (event.time_ns, *error_frame(event))
-        for port in event.port.medium.ports:
-            if port.hears == ALL_ERRORS or (port.hears == OWN_ERRORS and port is event.port):
-                port.hear(arrival)

@@ -88,3 +88,12 @@ class TransmitQueues:
         controller.queued -= dropped
         controller.left += dropped
         controller.lost[reason] += dropped
+
+
+def losers(able: Iterable[Entry], winner: Entry, discarding: set[int]) -> list[Entry]:
+    """Return the frames that are given up because they lose: the first of each node that discards what does."""
+    heads: dict[int, Entry] = {}
+    for entry in sorted(able):
+        if entry[1] in discarding - {winner[1]}:
+            heads.setdefault(entry[1], entry)
+    return [head for _, head in sorted(heads.items()) if head[0] != winner[0]]
