@@ -4,7 +4,7 @@ Dominant (0) overwrites recessive (1). A bit lasts as long as the phase of the f
 left the data phase of an FD frame by an error and others have not yet seen it, those read several bits in one.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from hil.wire.agenda import ARBITRATE, DELIVER
 from hil.wire.bit_level import BitLevel
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
 
 Flips = dict[int, frozenset[str] | None]
 """Inverted bits of a frame, counted from SOF: who sees them so (None: everybody)."""
+
+
+class Faults(Protocol):
+    """What disturbs frames."""
+
+    def flips(self, sender: str, identifier: int, data: bytes) -> Flips:
+        """Return the bits of this frame that are inverted, and for whom."""
 
 
 class BitPlay:
