@@ -58,8 +58,8 @@ class BitLevel(FrameReader):
 
     @property
     def occupied(self) -> bool:
-        """Whether it takes the bus for busy."""
-        return self.busy and self.field not in ("integrating", "suspend transmission")
+        """Whether it occupies the bus: by a frame, an error frame, an intermission."""
+        return self.busy and not self.listen_only and self.field not in ("integrating", "suspend transmission")
 
     def begin(self, plan: FramePlan) -> None:
         """Send a frame, from the bit that comes: idle, from its SOF; joining another's SOF, from its identifier."""

@@ -187,6 +187,12 @@ def _crc(levels: Iterable[int], width: int, polynomial: int, register: int) -> i
     return register
 
 
+def first_difference(one: FramePlan, other: FramePlan) -> int:
+    """Return the bit, counted from SOF, at which two frames differ: the one with a 1 there loses arbitration."""
+    pairs = zip(one.levels, other.levels, strict=False)
+    return next(bit for bit, (mine, yours) in enumerate(pairs) if mine != yours)
+
+
 def _fast(fields: list[str], brs: bool) -> list[bool]:
     """Return whether each bit lasts a data bit: those behind BRS, up to the CRC delimiter."""
     if not brs:

@@ -14,10 +14,10 @@ from hil.wire.bit_level import INTERMISSION_BITS, SUSPEND_BITS
 from hil.wire.bit_play import BitPlay, Faults, Flips
 from hil.wire.controller import Entry
 from hil.wire.delivery import Delivery
-from hil.wire.duration import duration_ns
-from hil.wire.frame_reader import EOF_BITS
+from hil.wire.duration import duration_ns, plan_of
+from hil.wire.frame_plan import first_difference
 from hil.wire.identifier import ESI, FD
-from hil.wire.lone_sender import TAIL_BITS, not_acknowledged
+from hil.wire.outcome import TAIL_BITS, acknowledged, not_acknowledged
 from hil.wire.port import LONG_AGO_NS, Port
 from hil.wire.rates import Rates
 from hil.wire.recovery import Recovery
@@ -199,34 +199,35 @@ class Medium:
                 self.agenda.at(until_ns, ARBITRATE, -1, self._arbitrate, None)
             return
         winner = min(able)
-        discarding = {port.order for port in self.ports if port.controller.discards}
-        for loser in losers(able, winner, discarding):
-            self.lose(self._by_order[loser[1]], loser, 32 - (loser[0] ^ winner[0]).bit_length())
+        self.recovery.dominant(now_ns)
+        flips = self.flips(winner)
+        if flips or self.stuck:
+            self.play = BitPlay(self, flips)
+            return
+        for loser in losers(able, winner, {port.order for port in self.ports if port.controller.discards}):
+            bit = first_difference(*(plan_of(self.identifier(entry), entry[5]) for entry in (loser, winner)))
+            self.agenda.at(now_ns + (bit + 1) * self._bit_ns, DELIVER, loser[1], self._give_up, (loser, winner, bit))
         self.queues.take(winner)
-        self._start_with_care(winner)
+        if any(port.controller.acknowledges for port in self.ports if port.order != winner[1]):
+            self._start(winner)
+        else:
+            self._start_unacknowledged(winner)
 
     def _able(self, entry: Entry, now_ns: int) -> bool:
         port = self._by_order[entry[1]]
         off = port.controller.confinement.off or port in self.newcomers
         return not off and port.controller.suspended_until_ns <= now_ns
 
+    def _give_up(self, lost: tuple[Entry, Entry, int]) -> None:
+        entry, winner, bit = lost
+        if self._current is winner and entry in self.queues.pending:
+            self.lose(self._by_order[entry[1]], entry, bit)
+
     def lose(self, port: Port, entry: Entry, bit: int) -> None:
         """Arbitration Lost: give the frame up, and say so."""
         self.queues.take(entry)
         self.leave_queue(port, cause.ARBITRATION)
         self.reporter.arbitration_lost(port, bit)
-
-    def _start_with_care(self, entry: Entry) -> None:
-        port = self._by_order[entry[1]]
-        self.recovery.dominant(self.agenda.now_ns)
-        flips = self.flips(entry)
-        if flips or self.stuck:
-            self.queues.put([entry])
-            self.play = BitPlay(self, flips)
-        elif any(other.controller.acknowledges for other in self.ports if other is not port):
-            self._start(entry)
-        else:
-            self._start_unacknowledged(entry)
 
     def flips(self, entry: Entry) -> Flips:
         """Return the bits of this frame that a fault inverts."""
@@ -250,6 +251,7 @@ class Medium:
         self.delivery.deliver(port, now_ns, identifier, data)
         self._free_from_ns = now_ns + INTERMISSION_BITS * self._bit_ns
         if not self._plain:
+            acknowledged(self, port)
             self._settle(port)
         if self.queues.pending:
             self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
@@ -257,15 +259,9 @@ class Medium:
             self._idle = True
 
     def _settle(self, sender: Port) -> None:
-        """Count a good frame for everybody (rules 7 and 8); let a passive sender wait longer."""
-        for port in self.ports:
-            if port is sender:
-                port.controller.confinement.transmitted()
-            elif port.controller.acknowledges:
-                port.controller.confinement.received()
+        """Let a passive sender wait longer, and tell what the counters say now."""
         if sender.controller.confinement.passive:
             sender.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * self._bit_ns
-        self.recovery.recessive(self.agenda.now_ns - (EOF_BITS + 1) * self._bit_ns)
         self.reporter.check_states()
 
     # -- nobody there --
@@ -286,9 +282,7 @@ class Medium:
         rest_ns = not_acknowledged(self, self._sender, entry)
         self.busy_ns += rest_ns
         self._free_from_ns = self.agenda.now_ns + rest_ns
-        if self._sender.controller.confinement.passive:
-            self._sender.controller.suspended_until_ns = self._free_from_ns + SUSPEND_BITS * self._bit_ns
-        self.reporter.check_states()
+        self._settle(self._sender)
         self._idle = False
         self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
 

@@ -1,10 +1,10 @@
 """What the controllers of one bus have to send: who takes part in arbitration, and with which frame."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from heapq import heapify, heappop, heappush
 
 from hil.wire.controller import Entry
-from hil.wire.identifier import arbitration_key
+from hil.wire.identifier import REMOTE, arbitration_key
 from hil.wire.port import Port
 
 
@@ -17,6 +17,8 @@ class TransmitQueues:
 
     def enter(self, port: Port, identifier: int, data: bytes, now_ns: int) -> None:
         """Add a frame; in a first-in-first-out queue it waits for those before it."""
+        if identifier & REMOTE:
+            data = bytes(len(data))  # all that it carries is the length
         self._sequence += 1
         entry = (arbitration_key(identifier), port.order, now_ns, self._sequence, identifier, data)
         if port.controller.fifo:
@@ -90,10 +92,10 @@ class TransmitQueues:
         controller.lost[reason] += dropped
 
 
-def losers(able: Iterable[Entry], winner: Entry, discarding: set[int]) -> list[Entry]:
-    """Return the frames that are given up because they lose: the first of each node that discards what does."""
+def losers(able: Iterable[Entry], winner: Entry, discarding: Collection[int]) -> list[Entry]:
+    """Return the frames that are given up because they lose: heads of those who do so."""
     heads: dict[int, Entry] = {}
-    for entry in sorted(able):
-        if entry[1] in discarding - {winner[1]}:
-            heads.setdefault(entry[1], entry)
-    return [head for _, head in sorted(heads.items()) if head[0] != winner[0]]
+    for entry in able:
+        if entry[1] in discarding and entry[1] != winner[1]:
+            heads[entry[1]] = min(entry, heads.get(entry[1], entry))
+    return [heads[order] for order in sorted(heads) if heads[order][0] != winner[0]]

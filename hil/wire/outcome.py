@@ -1,4 +1,6 @@
-"""A sender whom nobody acknowledges, without playing its error frame bit by bit: alone, it sends without end.
+"""What a frame that is computed whole does to the counters: acknowledged, or by nobody.
+
+The error frame of a sender whom nobody acknowledges is not played bit by bit either: alone, it sends without end.
 
 Ref: ISO 11898-1:2015, 10.4.4 (error frame), 12.1.4.2 (error counters); Bosch, CAN Specification 2.0 (1991), part B, 8.
 """
@@ -19,6 +21,16 @@ if TYPE_CHECKING:
 
 TAIL_BITS = 1 + EOF_BITS
 """Behind the ACK slot."""
+
+
+def acknowledged(medium: "Medium", sender: "Port") -> None:
+    """Count a good frame for everybody (rules 7 and 8), at its end."""
+    for port in medium.ports:
+        if port is sender:
+            port.controller.confinement.transmitted()
+        elif port.controller.acknowledges:
+            port.controller.confinement.received()
+    medium.recovery.recessive(medium.agenda.now_ns - TAIL_BITS * medium.rates.bit_ns)
 
 
 def not_acknowledged(medium: "Medium", port: "Port", entry: Entry) -> int:
