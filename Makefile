@@ -33,7 +33,7 @@ fuzz: setup
 	$(BIN)/python -m tests.hil.fuzzer --seconds 600 --seed 1
 
 bench: setup
-	$(BIN)/python -m hil.bench
+	$(BIN)/python -m hil.bench --plot build/bench/scaling.png
 
 clean:
 	rm -rf .venv build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage

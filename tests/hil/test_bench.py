@@ -1,0 +1,53 @@
+"""What `make bench` measures is the same everywhere: it would compare nothing otherwise. No speed is judged here."""
+
+from pathlib import Path
+
+import pytest
+
+from hil import bench_scaling
+from hil.bench_clients import Case
+from hil.bench_nodes import ACCELREF, ANSWERS, CURRENTS, ENCODERS, FRAMES_A_CYCLE, SYNC
+from hil.bench_plot import write_plot
+from hil.bench_wire import BUSES
+
+CYCLES = 20
+CYCLE = [SYNC, *ENCODERS, *CURRENTS, ACCELREF]
+
+
+@pytest.mark.parametrize("name", [name for name in BUSES if name != "virtual, threads"])
+def test_a_bus_that_arbitrates_carries_cycle_after_cycle(name: str) -> None:
+    assert BUSES[name](CYCLES)[1] == CYCLE * CYCLES
+
+
+def test_without_arbitration_the_phases_follow_each_other_all_the_same() -> None:
+    order = BUSES["virtual, threads"](CYCLES)[1]
+    cycles = [order[first : first + FRAMES_A_CYCLE] for first in range(0, len(order), FRAMES_A_CYCLE)]
+    assert [sorted(cycle) for cycle in cycles] == [CYCLE] * CYCLES
+    for cycle in cycles:
+        assert (cycle[0], cycle[-1]) == (SYNC, ACCELREF)
+        assert all(cycle.index(ENCODERS[n]) < cycle.index(CURRENTS[n]) for n in range(3))
+
+
+def test_every_frame_is_sent_by_one_node() -> None:
+    sent = [identifier for answers in ANSWERS.values() for each in answers.values() for identifier in each]
+    assert sorted([*sent, SYNC]) == sorted(CYCLE)
+
+
+@pytest.mark.parametrize("everyone", [False, True])
+@pytest.mark.parametrize("kind", bench_scaling.BATCHES)
+def test_every_kind_of_client_can_be_measured(kind: str, everyone: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(bench_scaling.BATCHES, kind, 5)
+    assert bench_scaling.cost_us(Case(kind, 3, everyone, 1.0)) > 0.0
+
+
+def test_a_cost_in_proportion_to_those_that_accept_is_no_excess() -> None:
+    costs = {case: 7.0 * case.acceptors for case in bench_scaling.cases()}
+    assert set(bench_scaling.excesses(costs).values()) == {1.0}
+    worst = Case("timed", bench_scaling.CLIENTS[-1], True, bench_scaling.USUAL_LOAD)
+    assert bench_scaling.excesses(costs | {worst: 3.0 * costs[worst]})[worst] == 3.0
+
+
+def test_the_plot_is_a_png(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    write_plot({case: 7.0 * case.acceptors for case in bench_scaling.cases()}, tmp_path / "new" / "scaling.png")
+    assert (tmp_path / "new" / "scaling.png").read_bytes().startswith(b"\x89PNG")
