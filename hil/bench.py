@@ -32,7 +32,7 @@ from hil.wire.kernel import Arrival
 from hil.wire.rates import Rates
 
 RUNS = 7
-FLOORS = {"processes": 2.0, "inline": 5.0}
+FLOORS = {"processes": 3.0, "inline": 5.0}
 START_LIMIT_S = 3.0
 MEMORY_LIMIT_MB = 600.0
 
@@ -104,7 +104,7 @@ def whole_command() -> tuple[float, float]:
 
 def show_speeds(console: Console) -> bool:
     """Print the speed of every built-in scenario; return whether all reach their floors."""
-    table = Table(title=f"simulated s / wall s, medians of {RUNS} (floors: processes 2, inline 5)")
+    table = Table(title=f"simulated s / wall s, medians of {RUNS} (floors: processes 3, inline 5)")
     for column in ("scenario", "processes", "inline", "processes / inline"):
         table.add_column(column, justify="right")
     reached = True
