@@ -21,6 +21,7 @@ and the timer it wants. Nothing is pickled; whatever does not decode raises Prot
 """
 
 import json
+import select
 import socket
 import struct
 from typing import Any
@@ -175,6 +176,12 @@ class Connection:
             return False
         except OSError:
             return True
+
+    def is_hung_up(self) -> bool:
+        """Return whether the other end is gone, whatever it said before."""
+        look = select.poll()
+        look.register(self.stream, 0)
+        return any(event & select.POLLHUP for _, event in look.poll(0))
 
     def close(self) -> None:
         """Close the stream."""

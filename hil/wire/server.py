@@ -280,7 +280,7 @@ class Server:
     def _bury(self) -> None:
         """Remove timed clients that died while they waited for their turn."""
         for client in list(self.timed.values()):
-            if not client.left and client.connection.is_closed():
+            if not client.left and client.connection.is_hung_up():
                 client.expel(f"{client.name} is gone: its connection to the bus broke")
 
     def _admit_observer(self, channel: str, observer: Observer) -> None:
