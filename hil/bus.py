@@ -99,13 +99,14 @@ def _gather(server: Server, names: str, say: Say) -> None:
 
 def _open(server: Server, options: BusOptions) -> None:
     told, automatic = server.pace.rate, options.pace is None
-    while not server.deserted:
+    while True:
         automatic = automatic and server.pace.rate == told  # until `hil clock` says otherwise
         wanted = inf if server.timed else 1.0
         if automatic and told != wanted:
             server.pace.set(wanted)
             told = wanted
         server.run(server.agenda.now_ns + OPEN_SLICE_NS)
+        server.stay_open()
 
 
 def _count_frames(server: Server) -> list[int]:

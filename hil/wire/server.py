@@ -162,6 +162,10 @@ class Server:
         """Every timed client that was there has left."""
         return self._waited and not self.timed
 
+    def stay_open(self) -> None:
+        """Go on though every timed client has left."""
+        self._waited = bool(self.timed)
+
     @property
     def _lingers(self) -> bool:
         """All timed clients have left, but not all have sent their last words."""
@@ -223,7 +227,8 @@ class Server:
         self._guests.append((channel, hello, connection))
 
     def _admit(self, channel: str, hello: Hello, connection: Connection) -> None:
-        reason = objection(hello, self.buses[channel], self.expect, self._names(), self.agenda.now_ns, self._started)
+        names = self.timed.keys() | {observer.name for observer in self.observers}
+        reason = objection(hello, self.buses[channel], self.expect, names, self.agenda.now_ns, self._started)
         if reason is not None:
             refuse(connection, reason)
             connection.close()
@@ -231,9 +236,6 @@ class Server:
             self._admit_timed(channel, hello, connection)
         else:
             self._admit_observer(channel, Observer(hello, connection))
-
-    def _names(self) -> set[str]:
-        return self.timed.keys() | {observer.name for observer in self.observers}
 
     def _welcome(self, client: Client) -> bool:
         kernel = self.kernel_of(client)
