@@ -82,9 +82,8 @@ class Server:
         self._waited = False
         self._until_ns: int | None = None
         self._guests: list[tuple[str, Hello, Connection]] = []
-        self._door = Door(
-            [bus.listener for bus in buses], self._receive_guest, lambda command: control.obey(self, command)
-        )
+        listeners = [bus.listener for bus in buses]
+        self._door = Door(listeners, self._receive_guest, lambda command: control.obey(self, command))
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._door, selectors.EVENT_READ, self._door.attend)
         for bus in buses:
