@@ -390,7 +390,7 @@ def test_timers_set_ever_earlier_and_frames_of_a_far_future_do_not_pile_up(rig: 
 def test_only_the_last_deaths_are_told(rig: Callable[..., Rig]) -> None:
     rig = rig(go_on=True)
     rig.server.start()
-    rig.join_timed("stays", yields())
+    stays = rig.join_timed("stays", yields())
     for number in range(DEATHS + 3):
         rig.join_timed(f"dies{number}", protocol.message(protocol.SEND, b""))
         rig.server.run(rig.server.agenda.now_ns + 1_000_000)
@@ -398,6 +398,7 @@ def test_only_the_last_deaths_are_told(rig: Callable[..., Rig]) -> None:
     assert rig.server.died[-1].startswith(f"dies{DEATHS + 2} does not keep to the protocol")
     assert rig.server.timed.keys() == {"stays"}
     assert len(rig.kernel.ports) == 1
+    stays.stream.close()
 
 
 def test_what_is_asked_for_before_time_begins_is_bounded(rig: Callable[..., Rig]) -> None:
