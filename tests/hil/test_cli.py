@@ -15,7 +15,7 @@ from typing import Any
 import can
 import pytest
 
-from hil.wire import channel
+from hil.wire import channel, client
 
 NUMBERS = (
     "simulated_s", "wall_s", "startup_s", "cycles", "frames", "lost_frames", "deadline_misses", "saturations",
@@ -201,36 +201,37 @@ def clock(hil: Any, *words: str) -> dict[str, Any]:
     return answer
 
 
-def at(hil: Any, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """Ask until it stands so."""
+def at(condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Ask the bus `arm` until it stands so."""
     deadline = time.monotonic() + 60.0
-    while not condition(status := clock(hil)):
+    while not condition(status := client.control("arm", command="status")):
         assert time.monotonic() < deadline, status
+        time.sleep(0.01)
     return status
 
 
 @pytest.mark.parametrize("options", [["--pace", "1"], ["--pace", "0.5"], []])
 def test_a_bus_is_paused_stepped_and_goes_on(options: list[str], hil: Any) -> None:
     hil.bus("arm", *options)
-    before = at(hil, lambda status: status["now_ns"] > 0)
+    before = at(lambda status: status["now_ns"] > 0)
     assert (before["paused"], before["pace"]) == (False, float(options[1]) if options else 1.0)
     paused = clock(hil, "pause")
     assert paused["paused"]
     assert clock(hil)["now_ns"] == paused["now_ns"] >= before["now_ns"]
     stepped_ns = paused["now_ns"] + 1_000_000
     assert clock(hil, "step", "0.001")["paused"]
-    assert at(hil, lambda status: status["now_ns"] >= stepped_ns)["now_ns"] == stepped_ns
+    assert at(lambda status: status["now_ns"] >= stepped_ns)["now_ns"] == stepped_ns
     clock(hil, "step")
-    assert at(hil, lambda status: status["now_ns"] > stepped_ns)["now_ns"] == stepped_ns + 1_000_000
+    assert at(lambda status: status["now_ns"] > stepped_ns)["now_ns"] == stepped_ns + 1_000_000
     assert not clock(hil, "continue")["paused"]
-    at(hil, lambda status: status["now_ns"] > stepped_ns + 50_000_000)
+    at(lambda status: status["now_ns"] > stepped_ns + 50_000_000)
 
 
 @pytest.mark.parametrize("options", [["--pace", "1"], []])
 def test_a_bus_keeps_the_pace_that_it_is_told(options: list[str], hil: Any) -> None:
     hil.bus("arm", *options)
     assert clock(hil, "pace", "1000")["pace"] == 1000.0
-    later = at(hil, lambda status: status["now_ns"] > 100_000_000_000)
+    later = at(lambda status: status["now_ns"] > 100_000_000_000)
     assert later["pace"] == 1000.0
     assert clock(hil, "pace")["pace"] is None
 
@@ -241,10 +242,10 @@ def test_a_bus_says_whom_it_waits_for(hil: Any) -> None:
     assert "not there yet: slow, late" in hil.run("clock").stdout
     slow, late = (can.Bus(interface="hil", channel="arm", name=name, timed=True) for name in ("slow", "late"))
     try:
-        first = at(hil, lambda status: status["waiting_for"] is not None)
+        first = at(lambda status: status["waiting_for"] is not None)
         assert (first["waiting_for"]["name"], first["missing"], first["now_ns"]) == ("slow", [], 0)
         assert first["waiting_for"]["seconds"] > 0.0
-        later = at(hil, lambda status: status["waiting_for"]["seconds"] > first["waiting_for"]["seconds"])
+        later = at(lambda status: status["waiting_for"]["seconds"] > first["waiting_for"]["seconds"])
         assert later["nodes"]["late"] == {
             "sent": 0, "received": 0, "repeated": 0, "lost": {}, "errors": {}, "tec": 0, "rec": 0,
             "state": "error-active", "channel": "arm",
@@ -265,12 +266,12 @@ def test_a_session_of_two_timed_clients_is_stepped(hil: Any) -> None:
     with ThreadPoolExecutor() as pool:
         a.send(can.Message(arbitration_id=0x100, is_extended_id=False))
         asked = [pool.submit(bus.recv, 0.01) for bus in (a, b)]
-        at(hil, lambda status: status["nodes"].keys() == {"a", "b"})
+        at(lambda status: status["nodes"].keys() == {"a", "b"})
         clock(hil, "step", "0.00001")
-        before = at(hil, lambda status: status["now_ns"] == 10_000)
+        before = at(lambda status: status["now_ns"] == 10_000)
         assert [before["nodes"][name]["sent"] for name in "ab"] == [0, 0]
         clock(hil, "step", "0.001")
-        after = at(hil, lambda status: status["nodes"]["a"]["sent"] == 1)
+        after = at(lambda status: status["nodes"]["a"]["sent"] == 1)
         assert after["nodes"]["b"]["received"] == 1
         assert asked[1].result(60).arbitration_id == 0x100
         clock(hil, "continue")

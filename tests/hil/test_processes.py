@@ -275,7 +275,9 @@ def test_nodes_by_hand_say_when_the_run_did_not_come_to_its_end(hil: Any) -> Non
     bus.stdout.readline()
     words = {"plant": ["plant"], "dsp": ["dsp"], **{f"joint{n}": ["joint", str(n)] for n in (1, 2, 3)}}
     nodes = {name: hil.start("node", *each, "--set", "duration_s=60") for name, each in words.items()}
-    wait_for(lambda: all(cpu_ticks(node.pid) > 50 for node in nodes.values()))
+    wait_for(lambda: "time begins" in bus.stdout.readline())
+    joined = cpu_ticks(nodes["joint2"].pid)
+    wait_for(lambda: cpu_ticks(nodes["joint2"].pid) > joined)
     nodes["joint2"].kill()
     for name in nodes.keys() - {"joint2"}:
         _, err = nodes[name].communicate(timeout=LIMIT_S)
