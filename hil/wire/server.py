@@ -172,7 +172,7 @@ class Server:
 
     def end(self, reason: str, keep_observers: bool = False) -> list[tuple[str, Observer]]:
         """Tell everybody that the session is over, observers after all their frames; return those that are kept."""
-        self._over = True
+        self._over, self._until_ns = True, None
         deadline = time.monotonic() + LAST_FRAMES_S
         while any(observer.unsent for observer in self.observers) and time.monotonic() < deadline:
             self.poll(0.01)
@@ -214,7 +214,7 @@ class Server:
         if not self._started:
             for client in [each for each in self.timed.values() if each.connection.is_closed()]:
                 self._forget(client)
-        else:
+        elif not self._over:
             self._bury()
         for observer in list(self.observers):
             try:
