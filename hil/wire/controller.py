@@ -27,7 +27,7 @@ class Controller:
     one_shot: a disturbed frame is not sent again. discards: one that loses arbitration is not, either (FMI-LS-BUS:
     DISCARD_AND_NOTIFY, else BUFFER_AND_RETRANSMIT). listen_only: it drives no bit. lost: frames, by cause.
     unheard: nobody acknowledged its last frame. given_up: a frame on the wire that is not sent again.
-    left: frames that left the queue, sent or not. overrun, babbles, queue_delay_ns: faults of the script.
+    overrun, babbles, queue_delay_ns: faults of the script.
     """
 
     __slots__ = (
@@ -39,7 +39,6 @@ class Controller:
         "fifo",
         "given_up",
         "leaving",
-        "left",
         "listen_only",
         "lost",
         "off_since_ns",
@@ -76,7 +75,7 @@ class Controller:
         self.given_up: Entry | None = None
         self.queued = 0
         self.waiting: deque[Entry] = deque()
-        self.sent = self.received = self.left = self.repeated = 0
+        self.sent = self.received = self.repeated = 0
         self.lost: Counter[str] = Counter()
         self.errors: Counter[str] = Counter()
 

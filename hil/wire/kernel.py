@@ -6,7 +6,7 @@ Fidelity `bits`: frames take their exact time. `functional`: frames and computin
 from collections.abc import Sequence
 
 from hil.wire import controller as cause
-from hil.wire.agenda import ARBITRATE, QUEUE, Agenda
+from hil.wire.agenda import ARBITRATE, Agenda
 from hil.wire.controller import Entry
 from hil.wire.delivery import Watcher
 from hil.wire.medium import Medium
@@ -86,10 +86,6 @@ class Kernel:
     def run(self, until_ns: int) -> None:
         """Carry out everything due up to and at until_ns, or until stopped."""
         self.agenda.run(until_ns)
-
-    def send(self, port: Port, identifier: int, data: bytes) -> None:
-        """Queue a frame from outside of the bus's own time, now."""
-        self.agenda.at(self.agenda.now_ns, QUEUE, port.order, port.queue, (identifier, data))
 
     # -- a broken cable --
 

@@ -149,11 +149,9 @@ class Port:
             if self.alarm_ns is not None:
                 self.agenda.call_off(self.alarm)
             self.alarm_ns = timer_ns
-            self.alarm = self.agenda.at(timer_ns, WAKE, self.order, self._alarm, timer_ns)
+            self.alarm = self.agenda.at(timer_ns, WAKE, self.order, self._alarm, None)
 
-    def _alarm(self, alarm_ns: int) -> None:
-        if alarm_ns != self.alarm_ns:
-            return
+    def _alarm(self, _: None) -> None:
         self.alarm_ns = None
         if self.timer_ns is not None and self.timer_ns > self.agenda.now_ns:
             self._set_timer(self.timer_ns)

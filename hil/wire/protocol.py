@@ -34,8 +34,8 @@ HELLO, WELCOME, REFUSED, START, GRANT, YIELD, LEAVE, FRAMES, SEND, END, CONFIGUR
 
 LONGEST_MESSAGE = 1 << 24
 LONGEST_FROM_CLIENT = 1 << 20
-"""A client that says more at once is shown out; what a bus has stored for one may be longer."""
-"""Bytes, enough for the longest list that hello.py allows: what one client can make the bus keep."""
+"""A client that says more at once is shown out: enough for the longest list that hello.py allows, and what one client
+can make the bus keep. What a bus has stored for one may be longer."""
 FAR_NS = 1 << 62
 """Later than anything happens."""
 NO_TIMER = -(1 << 63)

@@ -66,13 +66,12 @@ class TransmitQueues:
                 heappush(self.pending, controller.waiting[0])
 
     @staticmethod
-    def count_out(port: Port, reason: str | None) -> None:
-        """Count a frame out that has not yet taken part in arbitration, or does no longer."""
+    def count_out(port: Port, reason: str | None, frames: int = 1) -> None:
+        """Count frames out that have not yet taken part in arbitration, or do no longer."""
         controller = port.controller
-        controller.queued -= 1
-        controller.left += 1
+        controller.queued -= frames
         if reason is not None:
-            controller.lost[reason] += 1
+            controller.lost[reason] += frames
 
     def flush(self, port: Port, reason: str, sending: Entry | None) -> None:
         """Drop what somebody has to send; what is being sent now is not sent again."""
@@ -87,9 +86,7 @@ class TransmitQueues:
         if own is not None and controller.fifo:
             controller.waiting.append(own)
         controller.given_up = own
-        controller.queued -= dropped
-        controller.left += dropped
-        controller.lost[reason] += dropped
+        self.count_out(port, reason, dropped)
 
 
 def losers(able: Iterable[Entry], winner: Entry, discarding: Collection[int]) -> list[Entry]:

@@ -613,7 +613,7 @@ def test_observer_sends_from_outside_at_the_instant_reached():
     outsider = kernel.join(Direct(ScriptedNode("outside", Script(), [])))
     kernel.start()
     kernel.run(12_345)
-    kernel.send(outsider, SYNC, EMPTY)
+    outsider.queue((SYNC, EMPTY))
     kernel.run(1_000_000)
     assert journal[1:] == [("a", end_of(12_345, SYNC), "frame", SYNC, EMPTY)]
 
