@@ -52,8 +52,11 @@ class BitPlay:
         self._bit_since_ns = since_ns
         if begun is not None:
             self._send(next(port for port in self._sides if port.order == begun[1]), begun)
-            self._catch_up()
-        elif sender is not None:
+        self._is_late = begun is not None or sender is not None
+
+    def begin(self) -> None:
+        """Begin with the bit that comes, or catch up with what has begun."""
+        if self._is_late:
             self._catch_up()
         else:
             self._bit_begins(None)
@@ -102,7 +105,7 @@ class BitPlay:
         return rates.bit_ns if flagged else rates.data_bit_ns
 
     def _bit_begins(self, _: None) -> None:
-        if self._medium.play is not self and self._bit_since_ns:
+        if self._medium.play is not self:
             return
         self._begin_frames()
         self._bit_since_ns = self._agenda.now_ns

@@ -126,8 +126,7 @@ class Medium:
             return
         self.queues.enter(port, identifier, data, self.agenda.now_ns)
         if self._idle:
-            self._idle = False
-            self.agenda.at(max(self.agenda.now_ns, self._free_from_ns), ARBITRATE, -1, self._arbitrate, None)
+            self._arbitrate_soon()
 
     def adopt(self, entries: Sequence[Entry]) -> None:
         """Take over what a participant had to send elsewhere."""
@@ -157,8 +156,12 @@ class Medium:
     def rouse(self) -> None:
         """Arbitrate, if somebody waits and nobody sends: after a recovery, a return, a suspension."""
         if self.queues.pending and self._current is None and self.play is None:
-            self._idle = False
-            self.agenda.at(max(self.agenda.now_ns, self._free_from_ns), ARBITRATE, -1, self._arbitrate, None)
+            self._arbitrate_soon()
+
+    def _arbitrate_soon(self) -> None:
+        """Arbitrate as soon as the bus is free."""
+        self._idle = False
+        self.agenda.at(max(self.agenda.now_ns, self._free_from_ns), ARBITRATE, -1, self._arbitrate, None)
 
     def _arbitrate(self, _: None) -> None:
         """Start the frame that wins, unless somebody has started since this was put down."""
@@ -202,7 +205,7 @@ class Medium:
         self.recovery.dominant(now_ns)
         flips = self.flips(winner)
         if flips or self.stuck:
-            self.play = BitPlay(self, flips)
+            self._play(BitPlay(self, flips))
             return
         for loser in losers(able, winner, {port.order for port in self.ports if port.controller.discards}):
             bit = first_difference(*(plan_of(self.identifier(entry), entry[5]) for entry in (loser, winner)))
@@ -245,10 +248,9 @@ class Medium:
         port.controller.sent += 1
         port.controller.unheard = False
         self.leave_queue(port)
-        now_ns, identifier, data = self.agenda.now_ns, entry[4], entry[5]
-        if identifier >= FD:
-            identifier = self.identifier(entry)
-        self.delivery.deliver(port, now_ns, identifier, data)
+        now_ns = self.agenda.now_ns
+        identifier = entry[4] if entry[4] < FD else self.identifier(entry)
+        self.delivery.deliver(port, now_ns, identifier, entry[5])
         self._free_from_ns = now_ns + INTERMISSION_BITS * self._bit_ns
         if not self._plain:
             acknowledged(self, port)
@@ -283,8 +285,7 @@ class Medium:
         self.busy_ns += rest_ns
         self._free_from_ns = self.agenda.now_ns + rest_ns
         self._settle(self._sender)
-        self._idle = False
-        self.agenda.at(self._free_from_ns, ARBITRATE, -1, self._arbitrate, None)
+        self._arbitrate_soon()
 
     def failed(self, port: Port, entry: Entry, code: int, field: str) -> None:
         """Bus Error of a sender: its frame waits again, or is given up where it has one shot."""
@@ -309,7 +310,7 @@ class Medium:
         else:
             self.busy_ns -= self._planned_ns
             self.queues.put([entry])
-            self.play = BitPlay(self, None, entry, self._since_ns)
+            self._play(BitPlay(self, None, entry, self._since_ns))
 
     def _play_from_here(self, _: None) -> None:
         """Go on between frames; an error frame that was computed whole ends first."""
@@ -323,9 +324,13 @@ class Medium:
             self.agenda.at(self._free_from_ns - rest_ns, ARBITRATE, -1, self._play_from_here, None)
         elif now_ns < max(self._free_from_ns, suspended_ns) and self._sender in self.ports:
             self.busy_ns -= rest_ns
-            self.play = BitPlay(self, None, None, self._free_from_ns - rest_ns, self._sender)
+            self._play(BitPlay(self, None, None, self._free_from_ns - rest_ns, self._sender))
         else:
-            self.play = BitPlay(self, None)
+            self._play(BitPlay(self, None))
+
+    def _play(self, play: BitPlay) -> None:
+        self.play = play
+        play.begin()
 
     def resume(self) -> None:
         """Compute frames whole again: everybody is idle."""
