@@ -30,11 +30,6 @@ CALLS = ("on_start", "on_frame", "on_timer", "store", "report")
 """What a node answers to (hil/node.py)."""
 
 
-def node_names(scenario: Scenario) -> list[str]:
-    """Return the nodes of a scenario in node order, which breaks ties: plant, DSP, joints."""
-    return ["plant", "dsp", *(f"joint{n}" for n in range(1, scenario.joints + 1))]
-
-
 def build_node(scenario: Scenario, name: str, codec: Codec | None = None, compiled: bool = False) -> Node:
     """Return one node; raise ScenarioError naming what it cannot be built from. compiled: see `build_plant`."""
     codec = load_arm() if codec is None else codec
@@ -49,14 +44,14 @@ def build_node(scenario: Scenario, name: str, codec: Codec | None = None, compil
 
 def check_node_name(scenario: Scenario, name: str) -> None:
     """Refuse a node that the scenario does not have."""
-    if name not in node_names(scenario):
-        raise ScenarioError(f"no node {name!r}: this scenario has {', '.join(node_names(scenario))}")
+    if name not in scenario.node_names:
+        raise ScenarioError(f"no node {name!r}: this scenario has {', '.join(scenario.node_names)}")
 
 
 def build_nodes(scenario: Scenario, compiled: bool = False) -> list[Node]:
     """Return all nodes in node order. compiled: see `build_plant`."""
     codec = load_arm()
-    return [build_node(scenario, name, codec, compiled) for name in node_names(scenario)]
+    return [build_node(scenario, name, codec, compiled) for name in scenario.node_names]
 
 
 def _status(scenario: Scenario, codec: Codec, number: int) -> Status:

@@ -21,7 +21,7 @@ from typing import Any
 
 from dbc.compiler import load_arm
 from hil.addresses import fixed_addresses
-from hil.assemble import build_nodes, node_names
+from hil.assemble import build_nodes
 from hil.drive import RUN_IS_OVER
 from hil.errors import NodeError, OutputError
 from hil.pace import Pace
@@ -80,14 +80,14 @@ def _run(
 ) -> Outcome:
     kernel = make_kernel(scenario)
     recorder = Recorder(kernel, load_arm())
-    server = Server([Bus(listener, kernel)], node_names(scenario), on_wait, pace)
+    server = Server([Bus(listener, kernel)], scenario.node_names, on_wait, pace)
     reason = "the rig gave up"
     try:
         _gather(server, nodes)
         with nodes.named(), one_cpu([0, *nodes.pids()]):
             server.start()
             wall_s, setup_wall_s, bits = carry_through(scenario, kernel, server.run, progress, began)
-        wire = wire_counts(kernel, node_names(scenario))
+        wire = wire_counts(kernel, scenario.node_names)
         reason = RUN_IS_OVER
     finally:
         server.end(reason)
@@ -146,7 +146,7 @@ class Processes:
         resolved = self.folder / "scenario.json"
         resolved.write_text(self.scenario.model_dump_json())
         with fixed_addresses():
-            for name in node_names(self.scenario):
+            for name in self.scenario.node_names:
                 self.processes[name] = self._start(name, resolved, self.channel)
 
     def _start(self, name: str, scenario: Path, channel: str) -> subprocess.Popen[bytes]:

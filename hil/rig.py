@@ -7,7 +7,7 @@ from typing import Any
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
-from hil.assemble import build_nodes, node_names
+from hil.assemble import build_nodes
 from hil.drive import Direct
 from hil.errors import HilError, failed
 from hil.frame_log import FrameLog
@@ -89,7 +89,7 @@ def run_inline(scenario: Scenario, progress: Progress = no_progress, compiled: b
     except Exception as error:
         raise failed(kernel.waking, error) from error
     reports = {node.name: node.report() for node in nodes}
-    wire = wire_counts(kernel, node_names(scenario))
+    wire = wire_counts(kernel, scenario.node_names)
     return Outcome(scenario, "inline", recorder.log, reports, bits, wall_s, setup_wall_s, wire)
 
 

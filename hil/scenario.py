@@ -183,6 +183,11 @@ class Scenario(Part):
         return len(self.start_rad)
 
     @property
+    def node_names(self) -> list[str]:
+        """The nodes in node order, which breaks ties: plant, DSP, joints."""
+        return ["plant", "dsp", *(f"joint{n}" for n in range(1, self.joints + 1))]
+
+    @property
     def period_ns(self) -> int:
         """The control period T."""
         return to_ns(self.clock.period_s)

@@ -151,8 +151,7 @@ def _check_lengths(scenario: Scenario) -> None:
 
 
 def _check_faults(scenario: Scenario) -> None:
-    names = ["plant", "dsp", *(f"joint{n}" for n in range(1, scenario.joints + 1))]
-    check_faults(scenario.wire.faults, names, scenario.bus.fidelity == "functional", fd=False)
+    check_faults(scenario.wire.faults, scenario.node_names, scenario.bus.fidelity == "functional", fd=False)
 
 
 def _check_rates(scenario: Scenario) -> None:

@@ -8,7 +8,7 @@ No CRC is computed: it is stuffed at fixed places, so the length does not depend
 
 from functools import lru_cache
 
-from hil.wire.identifier import FD_LENGTHS, check_number
+from hil.wire.identifier import FD_LENGTHS, check_number, longer_fd_length
 from hil.wire.stuffing import AFTER, START, STATES, STUFFED, stuff_bits
 
 STANDARD_HEADER_BITS = 22
@@ -69,9 +69,9 @@ def fd_dlc(length: int) -> int:
     """Return the DLC that says this number of bytes; ValueError names the next length that there is."""
     if length in FD_LENGTHS:
         return FD_LENGTHS.index(length)
-    if length > FD_LENGTHS[-1]:
+    following = longer_fd_length(length)
+    if following is None:
         raise ValueError(f"data of {length} bytes, the limit is {FD_LENGTHS[-1]}: split it over several frames")
-    following = next(known for known in FD_LENGTHS if known > length)
     raise ValueError(f"data of {length} bytes is no length of an FD frame: pad it to {following}")
 
 

@@ -45,12 +45,17 @@ def refusal(identifier: int, length: int, fd: bool) -> str | None:
         if not fd:
             return "CAN FD frame on a classic bus: send one without FD, or start the bus with a data rate"
         if length not in FD_LENGTHS:
-            longer = next((size for size in FD_LENGTHS if size > length), None)
+            longer = longer_fd_length(length)
             cure = f"pad it to {longer}" if longer else f"split it, the limit is {FD_LENGTHS[-1]}"
             return f"no DLC of CAN FD says {length} bytes: {cure}"
     elif length > LONGEST_CLASSIC:
         return f"{length} bytes of data in a classic frame, the limit is {LONGEST_CLASSIC}: split them, or send CAN FD"
     return None
+
+
+def longer_fd_length(length: int) -> int | None:
+    """Return the next longer data that a DLC of CAN FD says; None beyond the longest."""
+    return next((known for known in FD_LENGTHS if known > length), None)
 
 
 def check_number(number: int, extended: bool) -> None:

@@ -90,7 +90,8 @@ class Server:
             bus.kernel.listeners.append(show)
         for channel, observer in observers:
             observer.renew()
-            self._seat(channel, observer)
+            self._channels[observer.name] = channel
+            self._seat(observer)
 
     # -- the session --
 
@@ -287,11 +288,10 @@ class Server:
     def _admit_observer(self, channel: str, observer: Observer) -> None:
         self._channels[observer.name] = channel
         if self._welcome(observer):
-            self._seat(channel, observer)
+            self._seat(observer)
 
-    def _seat(self, channel: str, observer: Observer) -> None:
+    def _seat(self, observer: Observer) -> None:
         """Let an observer watch from now on."""
-        self._channels[observer.name] = channel
         if self.expect and observer.listen_only is None:
             observer.port.controller.listen_only = True
         if self._started:

@@ -11,6 +11,8 @@ import time
 import can
 import pytest
 
+from tests.hil.frames import standard
+
 pytestmark = pytest.mark.usefixtures("bounded")
 
 GUARD_S = 10
@@ -44,10 +46,6 @@ FD = [
         for length in (1, 7, 8, 12, 16, 20, 24, 32, 48, 64)
     ],
 ]
-
-
-def standard(identifier, *data):
-    return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
 
 
 def describe(message):

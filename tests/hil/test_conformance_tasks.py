@@ -8,16 +8,14 @@ from concurrent.futures import ThreadPoolExecutor
 import can
 import pytest
 
+from tests.hil.frames import standard
+
 pytestmark = pytest.mark.usefixtures("bounded")
 
 GUARD_S = 10
 SILENCE_S = 0.05
 """How long what must not come is waited for: five periods of a task."""
 PERIOD_S = 0.01
-
-
-def standard(identifier, *data):
-    return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
 
 
 def first_bytes(bus, count):

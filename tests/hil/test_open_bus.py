@@ -11,16 +11,14 @@ import time
 import can
 import pytest
 
+from tests.hil.frames import standard
+
 pytestmark = pytest.mark.usefixtures("bounded")
 
 GUARD_S = 10
 SILENCE_S = 0.1
 QUEUE = 10
 """Frames that wait in a node's transmit queue; the next one finds no room."""
-
-
-def standard(identifier, *data):
-    return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
 
 
 @pytest.fixture

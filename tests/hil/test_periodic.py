@@ -6,6 +6,8 @@ from itertools import pairwise
 import can
 import pytest
 
+from tests.hil.frames import standard
+
 pytestmark = pytest.mark.usefixtures("bounded")
 
 GUARD_S = 15
@@ -13,10 +15,6 @@ PERIOD_NS = 10_000_000
 PERIOD_S = 0.01
 OLD, NEW, OTHER = 2, 3, 4
 """Data with which frames of identifier 123 are equally long, stuff bits included: so ends are a period apart."""
-
-
-def standard(identifier, *data):
-    return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
 
 
 def ns(message):

@@ -18,15 +18,13 @@ import can
 import pyte
 import pytest
 
+from tests.hil.frames import standard
+
 pytestmark = pytest.mark.usefixtures("bounded")
 
 DATABASE = Path(__file__).parents[2] / "dbc" / "arm.dbc"
 GUARD_S = 10
 ROWS, COLUMNS = 40, 120
-
-
-def standard(identifier, *data):
-    return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
 
 
 FRAMES = [

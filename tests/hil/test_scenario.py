@@ -9,7 +9,7 @@ import dbc
 from dbc.compiler import load_arm
 from firmware_py.joint_cpu import FAULTS, STATES
 from hil import scenario_file
-from hil.assemble import build_nodes, node_names, payloads
+from hil.assemble import build_nodes, payloads
 from hil.constants import action_delays_ns, parameter_table, rad_per_count, tail_ns, worst_case_ends_ns
 from hil.errors import ScenarioError
 from hil.record import to_toml
@@ -176,8 +176,8 @@ def test_the_default_arm_is_the_plant_s() -> None:
 
 def test_nodes_come_in_node_order() -> None:
     scenario = scenario_file.load("paper-joint")
-    assert [node.name for node in build_nodes(scenario)] == node_names(scenario)
-    assert node_names(scenario) == ["plant", "dsp", "joint1", "joint2", "joint3"]
+    assert [node.name for node in build_nodes(scenario)] == scenario.node_names
+    assert scenario.node_names == ["plant", "dsp", "joint1", "joint2", "joint3"]
 
 
 def test_the_stop_reasons_and_states_are_those_of_the_database() -> None:
