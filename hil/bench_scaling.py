@@ -30,7 +30,7 @@ RUNS = 5
 BATCHES = {"inline": 1000, "observers": 1000, "timed": 200}
 """Batches of frames in one run, by kind of client."""
 MARGIN = 1.5
-"""How much more than in proportion counts as more; below it, noise. Observers of whom one accepts miss it."""
+"""How much more than in proportion counts as more; below it, noise."""
 
 Costs = dict[Case, float]
 """Wall us a frame."""
@@ -60,7 +60,7 @@ def _until_all_is_seen(server: Server) -> Callable[[int], None]:
     def run(until_ns: int) -> None:
         server.run(until_ns)
         while any(observer.unsent for observer in server.observers):
-            server.poll(0.01)
+            server.poll(0.0001)
 
     return run
 

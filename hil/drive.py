@@ -5,7 +5,7 @@ Both hand a node its stored frames, then what wakes it, in the same order: so it
 
 from hil.errors import NodeError
 from hil.node import Node, Reaction
-from hil.wire import protocol
+from hil.wire import protocol, wakeup
 from hil.wire.port import Arrival
 from hil.wire.protocol import Connection
 
@@ -42,20 +42,36 @@ def over(connection: Connection, node: Node) -> None:
     Raises NodeError if the bus ends for another reason, protocol.Closed if it goes away without a word.
     """
     direct = Direct(node)
-    receive, wake = connection.receive, direct.wake
+    data = b""
     while True:
-        kind, body = receive()
-        if kind == protocol.GRANT:
-            reaction = wake(*protocol.decode_grant(body))
-        elif kind == protocol.START:
-            reaction = direct.start(protocol.decode_time(body))
-        elif kind == protocol.END:
-            reason = body.decode(errors="replace")
-            if reason == RUN_IS_OVER:
-                return
-            raise NodeError(f"{node.name}: the bus ended in the middle of the run: {reason}")
+        granted = wakeup.decode_grant(data)
+        if granted is not None:
+            reaction = direct.wake(*granted)
         else:
-            raise protocol.ProtocolError(f"message of kind {kind} where a grant was due")
-        connection.send(protocol.LEAVE if node.finished else protocol.YIELD, protocol.encode_yield(reaction))
+            connection.give_back(data)
+            unusual = _react(direct, *connection.receive())
+            if unusual is None:
+                return
+            reaction = unusual
         if node.finished:
+            connection.send(protocol.LEAVE, protocol.encode_yield(reaction))
             return
+        data = connection.exchange(wakeup.encode_yield(reaction), _wait_on)
+
+
+def _wait_on() -> None:
+    """Wait for a bus that does not read yet."""
+
+
+def _react(direct: Direct, kind: int, body: bytes) -> Reaction | None:
+    """Return the reaction to any message of a bus, None if the run is over."""
+    if kind == protocol.GRANT:
+        return direct.wake(*protocol.decode_grant(body))
+    if kind == protocol.START:
+        return direct.start(protocol.decode_time(body))
+    if kind != protocol.END:
+        raise protocol.ProtocolError(f"message of kind {kind} where a grant was due")
+    reason = body.decode(errors="replace")
+    if reason == RUN_IS_OVER:
+        return None
+    raise NodeError(f"{direct.name}: the bus ended in the middle of the run: {reason}")

@@ -128,8 +128,8 @@ class Observer(Client):
 
     def flush(self) -> None:
         """Hand over what the socket takes without waiting; raise Closed if nobody is there."""
-        self.publish()
-        self._pack()
+        if self.frames:
+            self._pack()
         with suppress(BlockingIOError):
             while self._chunks:
                 chunk, count = self._chunks[0]

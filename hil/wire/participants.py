@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Sequence
 
 from hil.errors import NodeError
 from hil.node import SILENT, Reaction
-from hil.wire import protocol, status_page
+from hil.wire import protocol, status_page, wakeup
 from hil.wire.acceptance import NOTHING, Acceptance
 from hil.wire.hello import Change, Filter, Hello, check
 from hil.wire.periodic import PeriodicTask
@@ -161,6 +161,7 @@ class TimedClient(Client):
             self.wakes_on = frozenset(hello.wakes_on)
         self.stores = frozenset(hello.stores)
         self.left = False
+        self._waited_s = 0.0
         self._on_wait = on_wait
         self._on_end = on_end
         seconds, rest = divmod(WAIT_S, 1.0)
@@ -179,39 +180,47 @@ class TimedClient(Client):
 
     def start(self, now_ns: int) -> Reaction:
         """Start the client's time."""
-        return self._exchange(protocol.START, protocol.encode_time(now_ns))
+        return self._exchange(protocol.message(protocol.START, protocol.encode_time(now_ns)))
 
     def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
         """Grant an instant."""
-        return self._exchange(protocol.GRANT, protocol.encode_grant(now_ns, stored, cause))
+        return self._exchange(wakeup.encode_grant(now_ns, stored, cause))
 
-    def _exchange(self, kind: int, body: bytes) -> Reaction:
+    def _exchange(self, message: bytes) -> Reaction:
         """Grant, and return what it answers; one that dies in the middle of its turn answers nothing."""
         if self.left:
             return SILENT
+        self._waited_s = 0.0
         if self.page is not None:
             self.publish()
         try:
-            self._grant(kind, body)
-            kind, body = self._receive()
-            if kind not in (protocol.YIELD, protocol.LEAVE):
-                raise ProtocolError(f"message {kind} where a yield was due")
-            reaction = protocol.decode_yield(body)
-            if kind == protocol.YIELD:
-                self.heard += len(reaction[2])
-                return reaction
+            data = self.connection.exchange(message, self._unread)
+            reaction = wakeup.decode_yield(data)
+            if reaction is None:
+                return self._answer(data)
         except Closed:
             return self._end(SILENT, f"{self.name} is gone: its connection to the bus broke")
         except ProtocolError as error:
             return self._end(SILENT, f"{self.name} does not keep to the protocol: {error}")
-        return self._end((reaction[0], None, reaction[2]), None)
+        self.heard += len(reaction[2])
+        return reaction
 
-    def _grant(self, kind: int, body: bytes) -> None:
-        try:
-            self.connection.send(kind, body)
-        except Closed as closed:  # it may have left already, with its last words in the stream
-            if isinstance(closed.__cause__, BlockingIOError):
-                raise ProtocolError("it answers, but does not read what it is granted") from None
+    def _unread(self) -> None:
+        """Tell that it does not read what it is granted."""
+        self._waited_s += WAIT_S
+        self._on_wait(self.name, self._waited_s)
+
+    def _answer(self, data: bytes) -> Reaction:
+        """Return its answer of which this much has come."""
+        self.connection.give_back(data)
+        kind, body = self._receive(0.0 if data else WAIT_S + self._waited_s)
+        if kind not in (protocol.YIELD, protocol.LEAVE):
+            raise ProtocolError(f"message {kind} where a yield was due")
+        reaction = protocol.decode_yield(body)
+        if kind == protocol.LEAVE:
+            return self._end((reaction[0], None, reaction[2]), None)
+        self.heard += len(reaction[2])
+        return reaction
 
     def expel(self, reason: str) -> None:
         """Let it go in the middle of its answer."""
@@ -223,10 +232,12 @@ class TimedClient(Client):
         self._on_end(self, reason)
         return last
 
-    def _receive(self) -> tuple[int, bytes]:
-        """Return its answer; the wait is told whatever else it sends meanwhile."""
-        since_s = time.monotonic()
+    def _receive(self, waited_s: float) -> tuple[int, bytes]:
+        """Return its answer; the wait, so long already, is told whatever else it sends meanwhile."""
+        since_s = time.monotonic() - waited_s
         while True:
+            if waited_s >= WAIT_S:
+                self._on_wait(self.name, waited_s)
             try:
                 message = self.connection.receive_once()
             except BlockingIOError:
@@ -236,5 +247,3 @@ class TimedClient(Client):
                     return message
                 self.configure(message[1])
             waited_s = time.monotonic() - since_s
-            if waited_s >= WAIT_S:
-                self._on_wait(self.name, waited_s)

@@ -24,6 +24,7 @@ import json
 import select
 import socket
 import struct
+from collections.abc import Callable
 from typing import Any
 
 from hil.node import Reaction
@@ -42,6 +43,7 @@ NO_TIMER = -(1 << 63)
 RECEIVE_BYTES = 1 << 14
 
 _PREFIX = struct.Struct("<IB")
+PREFIX_BYTES = _PREFIX.size
 _TIME = struct.Struct("<q")
 _GRANT = struct.Struct("<qBI")
 _YIELD = struct.Struct("<qqI")
@@ -76,6 +78,37 @@ class Connection:
             self.stream.sendall(message(kind, body))
         except OSError as error:
             raise Closed from error
+
+    def exchange(self, message: bytes, on_wait: Callable[[], None]) -> bytes:
+        """Send one whole message and return all that has come, which may be several messages or a part of one.
+
+        Returns nothing where the socket's own time limit runs out; on_wait is called where it does before all is sent.
+        Of one that is gone, returns its last words; Closed behind those.
+        """
+        stream, rest = self.stream, message
+        while rest:
+            try:
+                rest = rest[stream.send(rest) :]
+            except BlockingIOError:
+                on_wait()
+            except OSError:
+                break
+        if self._buffer:
+            data, self._buffer = self._buffer, b""
+            return data
+        try:
+            data = stream.recv(RECEIVE_BYTES)
+        except BlockingIOError:
+            return b""
+        except ConnectionResetError as error:
+            raise Closed from error
+        if not data:
+            raise Closed
+        return data
+
+    def give_back(self, data: bytes) -> None:
+        """Take back what `exchange` returned, to be received message by message."""
+        self._buffer = data + self._buffer
 
     def receive(self) -> tuple[int, bytes]:
         """Return the next message, waiting for it; BlockingIOError where the socket's own time limit runs out."""

@@ -18,6 +18,7 @@ from hil.errors import NodeError
 from hil.pace import Pace
 from hil.wire import control, protocol
 from hil.wire.admission import objection
+from hil.wire.audience import Audience
 from hil.wire.channel import Listener
 from hil.wire.door import Door, refuse
 from hil.wire.events import show
@@ -25,7 +26,7 @@ from hil.wire.hello import Hello
 from hil.wire.kernel import Kernel
 from hil.wire.observer import Observer
 from hil.wire.participants import Client, OnWait, TimedClient
-from hil.wire.protocol import FAR_NS, Closed, Connection, ProtocolError
+from hil.wire.protocol import FAR_NS, Closed, Connection
 
 SLICE_NS = 5_000_000
 """Virtual time between two looks at the connections."""
@@ -68,15 +69,12 @@ class Server:
         self.agenda = buses[0].kernel.agenda
         self.expect = tuple(expect)
         self.pace = pace or Pace()
-        self._undisturbed = True
         self.timed: dict[str, TimedClient] = {}
-        self.observers: list[Observer] = []
         self.died: deque[str] = deque(maxlen=DEATHS)
         self.waiting: tuple[str, float] | None = None
         self._channels: dict[str, str] = {}
         self._on_wait = on_wait
         self._go_on = go_on
-        self._lost_by_departed = 0
         self._started = False
         self._over = False
         self._waited = False
@@ -85,13 +83,14 @@ class Server:
         listeners = [bus.listener for bus in buses]
         self._door = Door(listeners, self._receive_guest, lambda command: control.obey(self, command))
         self._selector = selectors.DefaultSelector()
+        self._audience = Audience(self._selector, self.kernel_of, self._observer_gone, bool(expect))
         self._selector.register(self._door, selectors.EVENT_READ, self._door.attend)
         for bus in buses:
             bus.kernel.listeners.append(show)
         for channel, observer in observers:
             observer.renew()
             self._channels[observer.name] = channel
-            self._seat(observer)
+            self._audience.seat(observer)
 
     # -- the session --
 
@@ -112,8 +111,7 @@ class Server:
         self._started = True
         for client in [*clients, *self.observers]:
             self.kernel_of(client).adopt(client.port)
-        for observer in list(self.observers):
-            self._replay(observer)
+        self._audience.start()
         self._waited = bool(clients)
         for client in clients:
             client.port.begin()
@@ -175,7 +173,7 @@ class Server:
         """Tell everybody that the session is over, observers after all their frames; return those that are kept."""
         self._over, self._until_ns = True, None
         deadline = time.monotonic() + LAST_FRAMES_S
-        while any(observer.unsent for observer in self.observers) and time.monotonic() < deadline:
+        while self._audience.waits and time.monotonic() < deadline:
             self.poll(0.01)
         kept, left = (self.observers, []) if keep_observers else ([], self.observers)
         for observer in left:
@@ -192,19 +190,25 @@ class Server:
         return [(self._channels[observer.name], observer) for observer in kept]
 
     @property
+    def observers(self) -> list[Observer]:
+        """The observers that are there."""
+        return self._audience.observers
+
+    @property
     def deterministic(self) -> bool:
         """Whether no observer has done anything at an instant that the machine chose."""
-        return self._undisturbed and not any(observer.spoke for observer in self.observers)
+        return self._audience.deterministic
 
     @property
     def lost_frames(self) -> int:
         """Frames that observers were too slow to take."""
-        return self._lost_by_departed + sum(observer.lost for observer in self.observers)
+        return self._audience.lost_frames
 
     # -- connections --
 
     def poll(self, timeout_s: float) -> None:
         """Look after the connections, waiting at most timeout_s of wall time for something to do."""
+        self._audience.show(timeout_s > 0.0)
         ready = self._selector.select(timeout_s)
         if ready and self._until_ns is not None and not self.pace.unlimited:
             self._advance(self._until_ns)  # what arrives now is stamped now
@@ -217,11 +221,6 @@ class Server:
                 self._forget(client)
         elif not self._over:
             self._bury()
-        for observer in list(self.observers):
-            try:
-                observer.flush()
-            except Closed:
-                self._dismiss(observer)
 
     def _receive_guest(self, channel: str, hello: Hello, connection: Connection) -> None:
         self._guests.append((channel, hello, connection))
@@ -288,27 +287,9 @@ class Server:
     def _admit_observer(self, channel: str, observer: Observer) -> None:
         self._channels[observer.name] = channel
         if self._welcome(observer):
-            self._seat(observer)
+            self._audience.seat(observer)
 
-    def _seat(self, observer: Observer) -> None:
-        """Let an observer watch from now on."""
-        if self.expect and observer.listen_only is None:
-            observer.port.controller.listen_only = True
-        if self._started:
-            self.kernel_of(observer).adopt(observer.port)
-        self.observers.append(observer)
-        self._selector.register(observer.connection, selectors.EVENT_READ, lambda: self._hear(observer))
-        self._hear(observer, fill=False)  # what came together with HELLO
-
-    def _dismiss(self, observer: Observer) -> None:
-        self._selector.unregister(observer.connection)
-        observer.retire()
-        observer.close()
-        self.observers.remove(observer)
-        self._lost_by_departed += observer.lost
-        self._undisturbed &= not observer.spoke
-        if self._started:
-            self.kernel_of(observer).retire(observer.port)
+    def _observer_gone(self, observer: Observer) -> None:
         del self._channels[observer.name]
 
     # -- waiting, and the clock --
@@ -321,30 +302,3 @@ class Server:
             self._on_wait(name, waited_s)
         finally:
             self.waiting = None
-
-    # -- observers --
-
-    def _hear(self, observer: Observer, fill: bool = True) -> None:
-        """Take what an observer sends (fill: and read its socket before); one that sends nonsense is shown out."""
-        try:
-            if fill:
-                observer.connection.fill()
-            while (message := observer.connection.next_message()) is not None:
-                observer.obey(*message, self._started)
-        except BlockingIOError:
-            return
-        except ProtocolError as error:
-            refuse(observer.connection, str(error))
-            self._dismiss(observer)
-        except Closed:
-            self._dismiss(observer)
-
-    def _replay(self, observer: Observer) -> None:
-        """Carry out what an observer asked for before time began."""
-        early, observer.early = observer.early, []
-        try:
-            for kind, body in early:
-                observer.obey(kind, body, True)
-        except ProtocolError as error:
-            refuse(observer.connection, str(error))
-            self._dismiss(observer)
