@@ -17,7 +17,8 @@ from firmware_py.words import Words
 from hil import constants
 from hil.errors import ScenarioError, failed
 from hil.node import Node
-from hil.scenario import CircleMove, Scenario, to_ns
+from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario, to_ns
+from plant.external import ExternalTorque
 from plant.node import Plant
 from plant.parameters import ArmParameters
 from plant.robot import Robot
@@ -25,6 +26,7 @@ from plant.robot import Robot
 DSP_NUMBER = 7
 """Number of the DSP in the names of its State and Heartbeat frames; the plant's is 0, a joint's its own."""
 
+RIPPLES_A_TURN = 60
 
 CALLS = ("on_start", "on_frame", "on_timer", "store", "report")
 """What a node answers to (hil/node.py)."""
@@ -77,7 +79,7 @@ def arm_parameters(scenario: Scenario, codec: Codec) -> ArmParameters:
             torque_constant_Nm_A=drive.torque_constant_N_m_A,
             brake_torque_Nm=brake.torque_N_m,
             ripple=drive.ripple,
-            ripple_order=tuple(float(order) for order in drive.ripple_order),
+            ripple_order=tuple(float(order) for order in drive.ripple_order or (RIPPLES_A_TURN,) * len(drive.ripple)),
             counts_per_turn=scenario.encoder.counts_per_turn,
             current_limit_A=drive.limit_A,
             current_counts_per_A=round(1.0 / codec.scale("Current_1", "Reference")),
@@ -98,7 +100,16 @@ def build_plant(scenario: Scenario, codec: Codec, compiled: bool = False) -> Pla
     if compiled:
         robot.prepare()
     delays = constants.action_delays_ns(scenario)
-    return Plant(robot, codec, _status(scenario, codec, 0), scenario.period_ns, delays, payloads(scenario))
+    status, period_ns = _status(scenario, codec, 0), scenario.period_ns
+    return Plant(robot, codec, status, period_ns, delays, payloads(scenario), external_torques(scenario))
+
+
+def external_torques(scenario: Scenario) -> list[ExternalTorque]:
+    """Return the torques from outside."""
+    return [
+        ExternalTorque(each.joint, each.amplitude_N_m, each.frequency_rad_s, to_ns(each.at_s), to_ns(each.until_s))
+        for each in scenario.torque
+    ]
 
 
 def payloads(scenario: Scenario) -> list[tuple[float, int]]:
@@ -117,15 +128,19 @@ def payloads(scenario: Scenario) -> list[tuple[float, int]]:
 def build_trajectory(scenario: Scenario) -> trajectory.Trajectory:
     """Return the commanded motion, in the space it is described in."""
     move = scenario.trajectory
+    if isinstance(move, QuinticMove):
+        return trajectory.Quintic(scenario.start_rad, move.by_rad, move.time_s)
+    start = kinematics.tip(scenario.arm.lengths_m, scenario.start_rad)
     if isinstance(move, CircleMove):
-        return trajectory.Circle(kinematics.tip(scenario.arm.lengths_m, scenario.start_rad), move.radius_m, move.time_s)
-    return trajectory.Quintic(scenario.start_rad, move.by_rad, move.time_s)
+        return trajectory.Circle(start, move.radius_m, move.time_s)
+    legs = (move,) if isinstance(move, LineMove) else move.legs
+    return trajectory.Path(start, [((*leg.by_m, 0.0), leg.time_s) for leg in legs])
 
 
 def joint_trajectory(scenario: Scenario) -> trajectory.Trajectory:
     """Return the commanded motion in joint space; raise ScenarioError where it cannot be followed."""
     motion = build_trajectory(scenario)
-    if isinstance(motion, trajectory.Circle):
+    if scenario.in_task_space:
         motion = trajectory.Transformed(motion, scenario.arm.lengths_m, scenario.start_rad)
     return motion
 
@@ -155,17 +170,16 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         counts_per_rad_s2=1.0 / codec.scale("AccelRef", "Joint1"),
     )
     motion = build_trajectory(scenario)
-    in_task_space = isinstance(motion, trajectory.Circle)
-    if scenario.dsp.space == "task" and not in_task_space:
+    if scenario.dsp.space == "task" and not scenario.in_task_space:
         raise ScenarioError(
             "dsp.space = 'task' needs a path in task space, but trajectory.kind = 'quintic' moves the joints: "
-            "take trajectory.kind = 'circle' or dsp.space = 'joint'"
+            "take trajectory.kind = 'circle', 'line' or 'path', or dsp.space = 'joint'"
         )
     gains = scenario.dsp.k1_1_s, scenario.dsp.k2_1_s2
     control = position_control(
         scenario.dsp.space,
         motion,
-        in_task_space,
+        scenario.in_task_space,
         scenario.start_rad,
         scenario.arm.lengths_m,
         gains,
@@ -183,7 +197,7 @@ def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
     cpu = _cpu_class(scenario.cpu(number), number)
     words = Words(16, len(SIGNALS))
     status = _status(scenario, codec, number)
-    reference = ("AccelRef", number - 1)
+    reference = constants.reference_of(number)
     try:
         return cpu(number, words, codec, crc16, status, reference, scenario.period_ns, scenario.compute_ns(number))
     except Exception as error:

@@ -7,6 +7,7 @@ KJ = Jn / Ktn in current counts per acceleration count.
 from math import pi
 
 from dbc.codec import Codec
+from firmware_py.dsp.cpu import ACCEL_REFS, JOINTS_A_FRAME
 from hil.errors import ScenarioError
 from hil.scenario import Scenario, to_ns
 from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
@@ -28,6 +29,12 @@ def rad_per_count(scenario: Scenario) -> float:
     return 2 * pi / scenario.encoder.counts_per_turn
 
 
+def reference_of(joint: int) -> tuple[str, int]:
+    """Return where the reference of joint 1 to n stands: (name of the AccelRef frame, index in it)."""
+    frame, index = divmod(joint - 1, JOINTS_A_FRAME)
+    return ACCEL_REFS[frame], index
+
+
 def parameter_table(scenario: Scenario, joint: int, codec: Codec) -> tuple[int, ...]:
     """Return KA, KB, KJ, shift and current limit of joint 1 to n; raise ScenarioError where one does not fit."""
     settings, period_s = scenario.joint, scenario.clock.period_s
@@ -40,7 +47,7 @@ def parameter_table(scenario: Scenario, joint: int, codec: Codec) -> tuple[int, 
         )
     ka = round(g * period_s * (1 << 15))
     kb = round(g * inertia * current_per_torque * rad_per_count(scenario) / period_s)
-    kj = inertia * current_per_torque * codec.scale("AccelRef", f"Joint{joint}")
+    kj = inertia * current_per_torque * codec.scale(reference_of(joint)[0], f"Joint{joint}")
     shift = next((s for s in range(LARGEST_SHIFT, -1, -1) if round(kj * (1 << s)) <= WORD_MAX), 0)
     limit = round(settings.limit_A / codec.scale(f"Current_{joint}", "Reference"))
     values = {"KA": ka, "KB": kb, "KJ": round(kj * (1 << shift)), "current limit": limit}
@@ -59,7 +66,8 @@ def cycle_frames(joints: int) -> dict[str, int]:
     frames = {"Sync": 1}
     frames |= {f"Encoder_{n}": 4 for n in range(1, joints + 1)}
     frames |= {f"Current_{n}": 6 for n in range(1, joints + 1)}
-    return frames | {"AccelRef": 8, "State": 8}
+    frames |= dict.fromkeys(ACCEL_REFS[: -(-joints // JOINTS_A_FRAME)], 8)
+    return frames | {"State": 8}
 
 
 def worst_case_ends_ns(scenario: Scenario) -> dict[str, int]:
@@ -78,7 +86,7 @@ def _queued_ns(scenario: Scenario, name: str, ends: dict[str, int]) -> int:
     if name.startswith("Current_"):
         joint = int(name.removeprefix("Current_"))
         return ends[f"Encoder_{joint}"] + scenario.compute_ns(joint)
-    if name == "AccelRef":
+    if name in ACCEL_REFS:
         return ends[f"Encoder_{scenario.joints}"] + to_ns(scenario.dsp.compute_s)
     return 0
 
@@ -111,5 +119,15 @@ def check_budget(scenario: Scenario) -> None:
         raise ScenarioError(
             f"the frames of one cycle need {end_ns / 1000:.0f} us at bus.bitrate = {scenario.bus.bitrate} and with the "
             f"computing times compute_s, but clock.period_s = {scenario.clock.period_s} leaves "
-            f"{scenario.period_ns / 1000:.0f} us: raise the bit rate or the period, or compute faster"
+            f"{scenario.period_ns / 1000:.0f} us: raise the bit rate or the period, or compute faster "
+            f"({_bits_sum(scenario.joints)}; the rest is waiting for what is computed)"
         )
+
+
+def _bits_sum(joints: int) -> str:
+    """Return the longest frames of a cycle by kind, with intermission, and their sum."""
+    bits: dict[str, list[int]] = {}
+    for name, length in cycle_frames(joints).items():
+        bits.setdefault(name.partition("_")[0], []).append(worst_case_bits(length) + INTERMISSION_BITS)
+    parts = [f"{len(each)} x {each[0]} {name}" if len(each) > 1 else f"{each[0]} {name}" for name, each in bits.items()]
+    return f"{' + '.join(parts)} = {sum(map(sum, bits.values()))} bits"

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
+from firmware_py.dsp.cpu import ACCEL_REFS, JOINTS_A_FRAME
 from firmware_py.dsp.trajectory import Trajectory
 from hil.assemble import arm_parameters, build_trajectory, joint_trajectory
 from hil.frame_log import LoggedFrame
@@ -126,7 +127,7 @@ def _commands(scenario: Scenario, codec: Codec, cycles: int) -> tuple[Array, Arr
     """Return (q, q', x, x') as commanded, without any rounding of the DSP's."""
     times = [k * scenario.clock.period_s for k in range(cycles)]
     q, w = _sampled(joint_trajectory(scenario), times)
-    if scenario.trajectory.kind == "circle":
+    if scenario.in_task_space:
         x, v = _sampled(build_trajectory(scenario), times)
         return q, w, x[:, :2], v[:, :2]
     return q, w, *_tip(scenario, codec, q, w)
@@ -143,10 +144,10 @@ def _from_bus(frames: list[LoggedFrame], codec: Codec, joints: int, cycles: int,
     nothing = np.full((cycles, joints), np.nan)
     found = {"a_ref": nothing.copy(), "i_ref": nothing.copy(), "estimate": nothing.copy()}
     current = {codec[f"Current_{n}"].identifier: n for n in range(1, joints + 1)}
-    accel_ref = codec["AccelRef"]
+    accel_refs = {codec[name].identifier: m * JOINTS_A_FRAME for m, name in enumerate(ACCEL_REFS)}
     amperes, rad_s2 = codec.scale("Current_1", "Reference"), codec.scale("AccelRef", "Joint1")
     for end_ns, identifier, data, _ in frames:
-        if identifier != accel_ref.identifier and identifier not in current:
+        if identifier not in accel_refs and identifier not in current:
             continue
         fields = codec.by_identifier[identifier].unpack(data)
         if fields is None:
@@ -155,8 +156,10 @@ def _from_bus(frames: list[LoggedFrame], codec: Codec, joints: int, cycles: int,
         cycle = period - ((period - fields[-1]) & 0xFF)
         if not 0 <= cycle < cycles:
             continue
-        if identifier == accel_ref.identifier:
-            found["a_ref"][cycle] = [value * rad_s2 for value in fields[:joints]]
+        if identifier in accel_refs:
+            first = accel_refs[identifier]
+            last = min(joints, first + JOINTS_A_FRAME)
+            found["a_ref"][cycle, first:last] = [value * rad_s2 for value in fields[: last - first]]
         else:
             joint = current[identifier] - 1
             found["i_ref"][cycle, joint], found["estimate"][cycle, joint] = (value * amperes for value in fields[:2])

@@ -63,7 +63,8 @@ def write_figures(folder: Path, with_observer: Evaluation, without_observer: Eva
         matplotlib.rcdefaults()  # whatever the user's matplotlibrc says
         for group, values in RC.items():
             matplotlib.rc(group, **values)
-        for name, (draw, height_in) in FIGURES.items():
+        for name, (draw, height_in, joint_in) in FIGURES.items():
+            height_in += joint_in * with_observer.scenario.joints
             figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
             title = f"{with_observer.scenario.name}: {draw(figure, with_observer, without_observer)}"
             _finish(figure, with_observer, title)
@@ -80,7 +81,7 @@ def _save(figure: "Figure", stem: Path, title: str) -> list[Path]:
 
 
 def _response(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
-    panels = figure.subplots(on.scenario.joints, 2, sharex=True)
+    panels = figure.subplots(on.scenario.joints, 2, sharex=True, squeeze=False)
     for n, (angle, current) in enumerate(panels):
         _line(angle, off.t_s, off.q[:, n], WITHOUT | WIDE)
         _line(angle, on.t_s, on.q[:, n], WITH | WIDE)
@@ -93,7 +94,7 @@ def _response(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
 
 
 def _deviation(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
-    panels = figure.subplots(on.scenario.joints, 2, sharex=True)
+    panels = figure.subplots(on.scenario.joints, 2, sharex=True, squeeze=False)
     for letter, run, style, column in zip("ab", (off, on), (WITHOUT, WITH), panels.T, strict=True):
         for n, axes in enumerate(column):
             _joint_deviation(axes, run, run.deviation[:, n], f"({letter}) joint {n + 1}", style)
@@ -120,7 +121,7 @@ def _task_space(figure: "Figure", on: Evaluation, off: Evaluation) -> str:
 
 
 def _disturbance(figure: "Figure", on: Evaluation, _off: Evaluation) -> str:
-    panels = figure.subplots(on.scenario.joints, 2, sharex=True)
+    panels = figure.subplots(on.scenario.joints, 2, sharex=True, squeeze=False)
     total = on.disturbance.total()
     for n, (sums, terms) in enumerate(panels):
         _line(sums, on.t_s, on.estimate[:, n], ESTIMATE)
@@ -134,11 +135,11 @@ def _disturbance(figure: "Figure", on: Evaluation, _off: Evaluation) -> str:
     return "the disturbance torque as each observer estimates it, and its true terms."
 
 
-FIGURES = {  # what draws each, and its height in inches
-    "response": (_response, 6.0),
-    "deviation": (_deviation, 6.2),
-    "task-space": (_task_space, 8.2),
-    "disturbance": (_disturbance, 6.6),
+FIGURES = {  # what draws each, and its height in inches: in all, and more for each joint
+    "response": (_response, 1.2, 1.6),
+    "deviation": (_deviation, 1.4, 1.6),
+    "task-space": (_task_space, 8.2, 0.0),
+    "disturbance": (_disturbance, 1.5, 1.7),
 }
 
 

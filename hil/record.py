@@ -111,20 +111,21 @@ def signal_columns(evaluation: Evaluation) -> dict[str, Any]:
 
 def to_toml(scenario: Scenario) -> str:
     """Return a scenario with every value written out; reading it gives the same scenario."""
-    values = scenario.model_dump(mode="json", exclude_none=True)
-    plain = {key: value for key, value in values.items() if not isinstance(value, dict) and key != "load"}
-    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
-    for key, table in values.items():
-        if isinstance(table, dict) and table:
-            lines += [
-                "",
-                f"[{key}]",
-                *(f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in table.items()),
-            ]
-    for load in values["load"]:
-        lines += [
-            "",
-            "[[load]]",
-            *(f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in load.items()),
-        ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(_table("", scenario.model_dump(mode="json", exclude_none=True))).lstrip("\n") + "\n"
+
+
+def _table(path: str, values: dict[str, Any]) -> Iterator[str]:
+    """Yield the lines of a table: its own values, then the tables in it."""
+    tables = {key: value for key, value in values.items() if isinstance(value, dict) or _is_tables(value)}
+    for key, value in values.items():
+        if key not in tables:
+            yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
+    for key, value in tables.items():
+        name = f"{path}{key}"
+        for each in value if isinstance(value, list) else [value] if value else []:
+            yield from ("", f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
+            yield from _table(f"{name}.", each)
+
+
+def _is_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)

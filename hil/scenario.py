@@ -14,6 +14,7 @@ from hil.wire.fault import Fault
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NonNegative = Annotated[float, Field(ge=0, le=1e4)]
 Angle = Annotated[float, Field(ge=-100, le=100)]
+Way = Annotated[float, Field(ge=-100, le=100)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
 
@@ -81,10 +82,10 @@ class Drive(Part):
     torque_constant_N_m_A: tuple[Positive, ...] = (10.0, 6.0, 2.0)
     limit_A: Positive = 8.0
     lag_s: Annotated[float, Field(ge=0, le=1)] = 0.0
-    ripple: tuple[Share, ...] = (0.0, 0.0, 0.0)
-    """Share of the torque constant that varies with the joint's angle."""
-    ripple_order: tuple[Annotated[int, Field(ge=1)], ...] = (60, 60, 60)
-    """Ripples in one turn of the joint."""
+    ripple: tuple[Share, ...] = ()
+    """Share of the torque constant that varies with the joint's angle; default: none."""
+    ripple_order: tuple[Annotated[int, Field(ge=1)], ...] = ()
+    """Ripples in one turn of the joint; default: 60."""
 
 
 class Encoder(Part):
@@ -147,6 +148,43 @@ class CircleMove(Part):
     time_s: MoveTime
 
 
+class LineMove(Part):
+    """A straight line in task space with the quintic's phase, from the start's tip; the hand keeps its direction."""
+
+    kind: Literal["line"]
+    by_m: tuple[Way, Way]
+    time_s: MoveTime
+
+
+class Leg(Part):
+    """One straight line of a path; no way at all is a rest."""
+
+    by_m: tuple[Way, Way]
+    time_s: MoveTime
+
+
+class PathMove(Part):
+    """Straight lines one after the other, at rest between them."""
+
+    kind: Literal["path"]
+    legs: Annotated[tuple[Leg, ...], Field(min_length=1, max_length=1000)]
+
+    @property
+    def time_s(self) -> float:
+        """How long all of them take."""
+        return sum(leg.time_s for leg in self.legs)
+
+
+class Torque(Part):
+    """A torque from outside on one joint: amplitude_N_m sin(frequency_rad_s (t - at_s)), or constant at frequency 0."""
+
+    joint: Annotated[int, Field(ge=1, le=6)]
+    amplitude_N_m: Annotated[float, Field(ge=-1e4, le=1e4)]
+    frequency_rad_s: Annotated[float, Field(ge=0, le=10_000)] = 0.0
+    at_s: Time = 0.0
+    until_s: Time
+
+
 class Load(Part):
     """A point mass on the hand for some time."""
 
@@ -172,15 +210,24 @@ class Scenario(Part):
     joint1: OneJoint = OneJoint()
     joint2: OneJoint = OneJoint()
     joint3: OneJoint = OneJoint()
+    joint4: OneJoint = OneJoint()
+    joint5: OneJoint = OneJoint()
+    joint6: OneJoint = OneJoint()
     dsp: Dsp = Dsp()
-    trajectory: Annotated[QuinticMove | CircleMove, Field(discriminator="kind")]
+    trajectory: Annotated[QuinticMove | CircleMove | LineMove | PathMove, Field(discriminator="kind")]
     load: tuple[Load, ...] = ()
+    torque: tuple[Torque, ...] = ()
     wire: Wire = Wire()
 
     @property
     def joints(self) -> int:
         """Number of joints."""
         return len(self.start_rad)
+
+    @property
+    def in_task_space(self) -> bool:
+        """Whether the motion is described in task space."""
+        return self.trajectory.kind != "quintic"
 
     @property
     def node_names(self) -> list[str]:
@@ -209,7 +256,8 @@ class Scenario(Part):
 
     def own(self, joint: int) -> OneJoint:
         """Return what joint 1 to n has of its own."""
-        return (self.joint1, self.joint2, self.joint3)[joint - 1]
+        own: OneJoint = getattr(self, f"joint{joint}")
+        return own
 
     def compute_ns(self, joint: int) -> int:
         """Return the computing time of joint 1 to n."""
@@ -225,7 +273,7 @@ class Scenario(Part):
         paths: dict[str, Sequence[object]] = {"start_rad": self.start_rad}
         for part in ("arm", "drive", "brake", "joint"):
             values = getattr(self, part)
-            paths |= {f"{part}.{key}": v for key, v in values if isinstance(v, tuple)}
+            paths |= {f"{part}.{key}": v for key, v in values if isinstance(v, tuple) and (v or part != "drive")}
         if isinstance(self.trajectory, QuinticMove):
             paths["trajectory.by_rad"] = self.trajectory.by_rad
         if self.bus.action_delay_s is not None:

@@ -16,7 +16,11 @@ from hil.errors import ScenarioError
 from hil.scenario import Scenario, to_ns
 from hil.wire.fault import check_faults
 from hil.wire.rates import bit_time_refusal
+from plant.parameters import MAX_JOINTS
 
+TASK_JOINTS = 3
+KINDS = ("quintic", "circle", "line", "path")
+"""Of a motion; pydantic puts the chosen one into the path of what is wrong."""
 SHORTEST_LAG_S = 1e-5
 """The plant takes steps of a quarter of the lag: below this it would hardly move."""
 
@@ -89,7 +93,7 @@ def _apply(values: dict[str, Any], setting: str) -> None:
 
 def _explain(error: ValidationError) -> Iterator[str]:
     for item in error.errors(include_url=False):
-        path = ".".join(str(part) for part in item["loc"] if part not in ("quintic", "circle"))
+        path = ".".join(str(part) for part in item["loc"] if part not in KINDS)
         if item["type"] == "extra_forbidden":
             yield f"scenario: unknown key {path}{_suggestion(path)}"
         elif item["type"] == "missing":
@@ -131,6 +135,8 @@ def check(scenario: Scenario) -> None:
     _check_lengths(scenario)
     _check_rates(scenario)
     _check_faults(scenario)
+    _check_spaces(scenario)
+    _check_torques(scenario)
     if 0.0 < scenario.drive.lag_s < SHORTEST_LAG_S:
         raise ScenarioError(f"drive.lag_s = {scenario.drive.lag_s}: 0 (none), or {SHORTEST_LAG_S} s and more")
     for load in scenario.load:
@@ -143,11 +149,32 @@ def check(scenario: Scenario) -> None:
 
 def _check_lengths(scenario: Scenario) -> None:
     joints = len(scenario.arm.lengths_m)
-    if joints != 3:
-        raise ScenarioError(f"arm.lengths_m has {joints} entries: this version runs arms of 3 joints")
+    if not 1 <= joints <= MAX_JOINTS:
+        raise ScenarioError(f"arm.lengths_m has {joints} entries: an arm has 1 to {MAX_JOINTS} joints, one entry each")
     for path, values in scenario.per_joint().items():
         if len(values) != joints:
             raise ScenarioError(f"{path} has {len(values)} entries, but arm.lengths_m has {joints}: one a joint")
+
+
+def _check_spaces(scenario: Scenario) -> None:
+    """Refuse task space for other than three joints: its three coordinates (x, y, phi) would not fix the pose."""
+    asked = "dsp.space = 'task'" if scenario.dsp.space == "task" else f"trajectory.kind = {scenario.trajectory.kind!r}"
+    if scenario.joints != TASK_JOINTS and (scenario.in_task_space or scenario.dsp.space == "task"):
+        raise ScenarioError(
+            f"{asked}: task space (x, y, phi) takes {TASK_JOINTS} joints, but arm.lengths_m has {scenario.joints}: "
+            "take dsp.space = 'joint' and trajectory.kind = 'quintic'"
+        )
+
+
+def _check_torques(scenario: Scenario) -> None:
+    for torque in scenario.torque:
+        if torque.joint > scenario.joints:
+            raise ScenarioError(f"torque.joint = {torque.joint}: the arm has joints 1 to {scenario.joints}")
+        if not torque.at_s < torque.until_s <= scenario.duration_s:
+            raise ScenarioError(
+                f"torque from {torque.at_s} s until {torque.until_s} s: it must begin before it ends, "
+                f"and end by duration_s = {scenario.duration_s}"
+            )
 
 
 def _check_faults(scenario: Scenario) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from dbc.codec import Codec
 from dbc.status import Status
+from plant.external import ExternalTorque, changes
 from plant.robot import Robot
 
 INIT, READY, RUN = 0, 1, 2
@@ -22,7 +23,7 @@ class Plant:
     """The robot on the bus.
 
     payloads: (mass on the hand in kg, from ns on); action_delay_ns: for each joint, the least time
-    after its cycle's start at which a current acts (0 where the bus itself takes time).
+    after its cycle's start at which a current acts (0 where the bus itself takes time). torques: from outside.
     """
 
     name = "plant"
@@ -36,7 +37,9 @@ class Plant:
         period_ns: int,
         action_delay_ns: Sequence[int],
         payloads: Sequence[tuple[float, int]] = (),
+        torques: Sequence[ExternalTorque] = (),
     ) -> None:
+        self.torques = torques
         self.robot = robot
         self.status = status
         self.period_ns = period_ns
@@ -47,7 +50,7 @@ class Plant:
         currents = [(n, codec[f"Current_{n}"]) for n in joints]
         self.currents = {current.identifier: (n, current.unpack) for n, current in currents}
         self.codecs = codec.by_identifier
-        self.release = codec["AccelRef" if len(joints) <= 3 else "AccelRef_1"].identifier
+        self.release = codec["AccelRef"].identifier
         self.stop = codec["Stop"].identifier
         self.stores = (*self.currents, self.release, self.stop)
 
@@ -93,6 +96,8 @@ class Plant:
         elif self.state == RUN and False in self.answered:
             self._count_missing()
         robot.advance_to(now_ns)
+        for at_ns, joint, torque_Nm in changes(self.torques, now_ns, now_ns + self.period_ns):
+            robot.set_external_torque(joint, torque_Nm, at_ns)
         if self.state == RUN:
             self._record()
         self.finished = self.stopped

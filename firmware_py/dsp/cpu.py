@@ -20,6 +20,8 @@ STOP_END, STOP_NOT_READY, STOP_SINGULAR, STOP_ENCODER_LOST = 0, 3, 4, 6
 NO_FAULT, FAULT_ENCODER_LOST, FAULT_STOPPED, FAULT_SINGULAR, FAULT_NOT_READY = 0, 1, 4, 5, 7
 MISSES_TO_FAULT = 3
 JOINTS_A_FRAME = 3
+ACCEL_REFS = ("AccelRef", "AccelRef_2")
+"""The frames of the references, each of three joints."""
 
 Send = tuple[int, int, bytes]
 Reaction = tuple[int, int | None, list[Send]]
@@ -57,7 +59,7 @@ class DSP:
         self.sync, self.stop = codec["Sync"], codec["Stop"]
         self.encoders = [codec[f"Encoder_{n}"] for n in range(1, settings.joints + 1)]
         frames = -(-settings.joints // JOINTS_A_FRAME)
-        self.accel_refs = [codec[f"AccelRef_{m + 1}" if frames > 1 else "AccelRef"] for m in range(frames)]
+        self.accel_refs = [codec[name] for name in ACCEL_REFS[:frames]]
 
         self.wakes_on = (self.encoders[-1].identifier, self.stop.identifier)
         self.stores = tuple(frame.identifier for frame in self.encoders[:-1]) + tuple(self.setup.answers)

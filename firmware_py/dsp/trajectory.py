@@ -50,6 +50,24 @@ class Quintic:
         return position, tuple(rate * dx for dx in self.by), tuple(second * dx for dx in self.by)
 
 
+class Path:
+    """Straight lines one after the other, each a `Quintic`, at rest between them; legs: (by, time_s) of each."""
+
+    def __init__(self, start: Sequence[float], legs: Sequence[tuple[Sequence[float], float]]) -> None:
+        self.legs: list[tuple[float, Quintic]] = []
+        self.time_s = 0.0
+        for by, leg_s in legs:
+            leg = Quintic(start, by, leg_s)
+            self.legs.append((self.time_s, leg))
+            self.time_s += leg_s
+            start = leg.at(leg_s)[0]
+
+    def at(self, t_s: float) -> Command:
+        """Return the command at t_s."""
+        begins_s, leg = next((entry for entry in reversed(self.legs) if entry[0] <= t_s), self.legs[0])
+        return leg.at(t_s - begins_s)
+
+
 class Circle:
     """Once round in time_s, counter-clockwise from the tip, phi held; the centre lies at (x - radius, y)."""
 
