@@ -1,0 +1,129 @@
+"""How much inertia error, payload and g the loop bears, measured on the rig beside the theory of the sampled loop.
+
+A loop has failed where a run ends in a fault, an amplifier or a signal saturates, or a joint deviates by FAILED_RAD.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from dbc.compiler import load_arm
+from hil import scenario_file
+from hil.assemble import arm_parameters, joint_trajectory
+from hil.evaluate import evaluate
+from hil.paper.frequency_response import mean_delays
+from hil.paper.sampled_loop import Array, spectral_radius
+from hil.rig import run_inline
+from hil.scenario import Scenario
+from hil.summary import deviations, summarise
+from plant.array_form import inertia
+
+INERTIA_FACTORS = (0.5, 0.7, 0.85, 1.0, 1.15)
+PAYLOADS_KG = (0.0, 1.0, 2.0)
+FAILED_RAD = 0.01
+TURNS = 8
+"""Halvings of the interval in which a limit is sought."""
+POSES = 31
+"""Along the command, at which theory is asked; the least stable one counts."""
+
+
+@dataclass(frozen=True)
+class Tolerated:
+    """One run: factor on every Jn, payload, and what it left: rad, one entry a joint."""
+
+    factor: float
+    payload_kg: float
+    largest_rad: list[float]
+    final_rad: list[float]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Up to where a quantity can be raised: what, in the run, in theory."""
+
+    what: str
+    measured: float
+    predicted: float
+
+
+# -- a grid of errors --
+
+
+def tolerated(executor: Executor) -> list[Tolerated]:
+    """Run paper-joint with every inertia factor and payload."""
+    return list(executor.map(_tolerate, *zip(*product(INERTIA_FACTORS, PAYLOADS_KG), strict=True)))
+
+
+def _tolerate(factor: float, payload_kg: float) -> Tolerated:
+    plain = scenario_file.load("paper-joint")
+    load = f"load=[{{mass_kg={payload_kg}, at_s=0.0, until_s={plain.duration_s}}}]"
+    settings = [_nominal(plain, (factor,) * plain.joints), *([load] if payload_kg else [])]
+    evaluation = evaluate(run_inline(scenario_file.load("paper-joint", settings)))
+    assert evaluation is not None
+    found = deviations(evaluation)
+    return Tolerated(factor, payload_kg, found["max_deviation_rad"], found["final_deviation_rad"])
+
+
+def _nominal(scenario: Scenario, factors: tuple[float, ...]) -> str:
+    values = [factor * Jn for factor, Jn in zip(factors, scenario.joint.inertia_kg_m2, strict=True)]
+    return f"joint.inertia_kg_m2={values}"
+
+
+# -- limits --
+
+
+def limits(executor: Executor) -> list[Limit]:
+    """Return the limits of Jn of each joint, as a factor, and of g, in rad/s, on paper-joint."""
+    joints = range(scenario_file.load("paper-joint").joints)
+    return list(executor.map(_limit, [*joints, None]))
+
+
+def _limit(joint: int | None) -> Limit:
+    plain = scenario_file.load("paper-joint")
+
+    def at(value: float) -> Scenario:
+        if joint is None:
+            return scenario_file.load("paper-joint", [f"joint.g_rad_s={value}"])
+        factors = tuple(value if n == joint else 1.0 for n in range(plain.joints))
+        return scenario_file.load("paper-joint", [_nominal(plain, factors)])
+
+    what, low, high = ("g, rad/s", 500.0, 999.0) if joint is None else (f"Jn of joint {joint + 1}, factor", 1.0, 2.5)
+    measured = bisect(lambda value: not failed(at(value)), low, high)
+    delay_s = mean_delays(run_inline(plain))
+    return Limit(what, measured, bisect(lambda value: worst_radius(at(value), delay_s) < 1.0, low, high))
+
+
+def bisect(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the largest value that holds, between low, which does, and high, to (high - low) / 2^TURNS."""
+    for _ in range(TURNS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
+
+
+def failed(scenario: Scenario) -> bool:
+    """Return whether the loop of a scenario fails."""
+    outcome = run_inline(scenario)
+    evaluation = evaluate(outcome)
+    summary = summarise(outcome, evaluation, 0.0)
+    if evaluation is None or summary["faults"] or summary["saturations"]:
+        return True
+    return bool(np.max(np.abs(evaluation.deviation)) > FAILED_RAD)
+
+
+def worst_radius(scenario: Scenario, delay_s: Array) -> float:
+    """Return the spectral radius at the least stable pose of the commanded motion, with these delays [s]."""
+    motion = joint_trajectory(scenario)
+    q = np.array([motion.at(t_s)[0] for t_s in np.linspace(0.0, motion.time_s, POSES)])
+    return max(
+        _radius(scenario, M, delay_s) for M in inertia(arm_parameters(scenario, load_arm()), q, np.zeros(len(q)))
+    )
+
+
+def _radius(scenario: Scenario, M: Array, delay_s: Array) -> float:
+    joint, dsp = scenario.joint, scenario.dsp
+    gains = dsp.k1_1_s, dsp.k2_1_s2
+    return spectral_radius(M, joint.inertia_kg_m2, joint.g_rad_s, gains, scenario.clock.period_s, delay_s)
