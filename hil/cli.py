@@ -1,4 +1,4 @@
-"""The command line: `hil run`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`.
+"""The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
@@ -199,6 +199,28 @@ def clock(
         detail = {"pace": value}
     status = client.control(channel, command=command, **detail)
     print(json.dumps(status)) if as_json else show.bus_status(channel, status)
+
+
+@app.command()
+@reported
+def paper(
+    out: Annotated[Path | None, typer.Option(help="Folder of the page; default: one of its own in runs/.")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the figures as JSON; no folder without --out.")
+    ] = False,
+    jobs: Annotated[int | None, typer.Option(min=1, max=256, help="Runs at a time; default: one a CPU.")] = None,
+) -> None:
+    """Reproduce the paper: every table, figure and claim beside what the rig does."""
+    from hil import record, show
+    from hil.paper import reproduce
+
+    if out is None and not as_json:
+        out = Path("runs") / f"paper-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
+    if out is not None:
+        record.check_new(out)
+    with show.progress("paper", quiet=as_json) as (step, _notice):
+        found = reproduce.reproduce(out, jobs, step)
+    print(json.dumps(found, allow_nan=False)) if as_json else show.claims(found["claims"], out)
 
 
 @app.command()

@@ -6,6 +6,8 @@ Ref: the paper's eqs. (3)-(4), figs. 15 and 16; M. Okabe, K. Ito, Color Universa
 """
 
 import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,28 +53,37 @@ TERMS: dict[str, Style] = {
 DIVISIONS_S = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
-def write_figures(folder: Path, with_observer: Evaluation, without_observer: Evaluation) -> list[Path]:
-    """Write every figure to the folder as PNG (150 dpi) and SVG; return their paths."""
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Draw in our style whatever the user's matplotlibrc says; raise MissingExtraError where there is no matplotlib."""
     try:
         import matplotlib
-        from matplotlib.figure import Figure
     except ImportError:
         raise MissingExtraError("figures need matplotlib, which is not installed: pip install 'hil[report]'") from None
-    paths = []
     with matplotlib.rc_context():
-        matplotlib.rcdefaults()  # whatever the user's matplotlibrc says
+        matplotlib.rcdefaults()
         for group, values in RC.items():
             matplotlib.rc(group, **values)
+        yield
+
+
+def write_figures(folder: Path, with_observer: Evaluation, without_observer: Evaluation) -> list[Path]:
+    """Write every figure to the folder as PNG (150 dpi) and SVG; return their paths."""
+    paths = []
+    with drawing():
+        from matplotlib.figure import Figure
+
         for name, (draw, height_in, joint_in) in FIGURES.items():
             height_in += joint_in * with_observer.scenario.joints
             figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
             title = f"{with_observer.scenario.name}: {draw(figure, with_observer, without_observer)}"
             _finish(figure, with_observer, title)
-            paths += _save(figure, folder / name, title)
+            paths += save(figure, folder / name, title)
     return paths
 
 
-def _save(figure: "Figure", stem: Path, title: str) -> list[Path]:
+def save(figure: "Figure", stem: Path, title: str) -> list[Path]:
+    """Write a figure as PNG (150 dpi) and SVG, the same bytes from the same values; return their paths."""
     paths = [stem.with_name(stem.name + suffix) for suffix in (".png", ".svg")]
     figure.savefig(paths[0], dpi=150, metadata={"Title": title})
     figure.set_layout_engine("none")  # laid out once for both

@@ -45,6 +45,21 @@ def result(found: Result, folder: Path | None) -> None:
         console.print(f"run folder: {folder}", soft_wrap=True)
 
 
+def claims(found: list[dict[str, Any]], folder: Path | None) -> None:
+    """Print what a paper claims beside what was measured."""
+    console = Console(markup=False, highlight=False)
+    table = Table(show_lines=True)
+    for column in ("the paper says", "where", "we measure", "holds"):
+        table.add_column(column)
+    for claim in found:
+        table.add_row(
+            claim["says"], claim["where"], claim["measured"], {True: "yes", False: "no"}.get(claim["holds"], "-")
+        )
+    console.print(table)
+    if folder is not None:
+        console.print(f"page: {folder / 'index.html'}", soft_wrap=True)
+
+
 def counters(report: dict[str, Any]) -> str:
     """Return what a node counted, by cause, in a line; zeros are left out."""
     found = []

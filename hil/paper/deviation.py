@@ -122,9 +122,8 @@ def _shortest(what: str, compute_s: float) -> ShortestPeriod:
     for period_s in PERIODS_S:
         duration_s = round(round(RUN_S / period_s) * period_s, 9)
         settings = [f"clock.period_s={period_s}", f"dsp.compute_s={compute_s:.6f}", f"duration_s={duration_s}"]
-        scenario = scenario_file.load("one-joint", settings)
         try:
-            check_budget(scenario)
+            check_budget(scenario_file.load("one-joint", settings))
         except ScenarioError:
             continue
         largest = np.max(np.abs(evaluated("one-joint", *settings).deviation))
