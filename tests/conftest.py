@@ -42,14 +42,16 @@ class Hil:
         self.folder = folder
         self.started: list[subprocess.Popen[str]] = []
 
-    def run(self, *words: str, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    def run(
+        self, *words: str, env: dict[str, str] | None = None, timeout_s: float = 120.0
+    ) -> subprocess.CompletedProcess[str]:
         """Run it to its end."""
         return subprocess.run(
             self._command(words),
             capture_output=True,
             text=True,
             cwd=self.folder,
-            timeout=120,
+            timeout=timeout_s,
             env=os.environ | (env or {}),
             check=False,
         )

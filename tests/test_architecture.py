@@ -23,7 +23,7 @@ OUTSIDE = {
 }
 ONLY_IN = {
     "cantools": {"dbc/compiler.py"},
-    "matplotlib": {"hil/bench_plot.py", "hil/figures.py"},
+    "matplotlib": {"hil/bench_plot.py", "hil/figures.py", "hil/paper/plots.py"},
     "pyarrow": {"hil/record.py"},
     "numba": {"plant/compiled.py"},
     "pickle": set(),

@@ -136,7 +136,8 @@ def shorter_period(executor: Executor, _folder: Folder) -> Section:
         "period",
         "A shorter period in joint space",
         "With the path known beforehand, inverse kinematics is done offline, and the DSP computes less in a "
-        "period. The computing times are parameters (dsp.compute_s); the arm of one joint leaves room on the bus, so they decide.",
+        "period. The computing times are parameters (dsp.compute_s); the arm of one joint leaves room on the bus, "
+        "so they decide.",
         [
             Claim(
                 "joint-space control can hold a shorter period",

@@ -12,24 +12,37 @@ from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
 
 DATABASE = cantools.database.load_file(str(files("dbc") / "arm.dbc"), strict=True)
 CODEC = load_arm()
-NODES = {"PLANT", "DSP", "JOINT1", "JOINT2", "JOINT3"}
+JOINTS = range(1, 7)
+NODES = {"PLANT", "DSP", *(f"JOINT{n}" for n in JOINTS)}
 SIGNALS = [(message, signal) for message in DATABASE.messages for signal in message.signals]
 SIGNAL_NAMES = [f"{message.name}.{signal.name}" for message, signal in SIGNALS]
 
 each_message = pytest.mark.parametrize("message", DATABASE.messages, ids=lambda message: message.name)
 each_signal = pytest.mark.parametrize(("message", "signal"), SIGNALS, ids=SIGNAL_NAMES)
 
+
+def cycle_ms(joint):
+    """One ms for up to three joints; with more the frames of a cycle need two, with six joints up to 1.87."""
+    return 1 if joint <= 3 else 2
+
+
+def status_ms(joint):
+    """Each of N nodes has every Nth cycle, State and Heartbeat by turns: 5 nodes at 1 ms, or 6 at 2 ms and more."""
+    return 10 if joint <= 3 else 24
+
+
 # name -> identifier, bytes, worst bits with intermission, cycle time in ms, sender
 FRAMES = {
     "Stop": (0x010, 1, 65, 0, "DSP"),
     "Sync": (0x080, 1, 65, 1, "DSP"),
     "AccelRef": (0x130, 8, 135, 1, "DSP"),
-    **{f"Encoder_{n}": (0x100 + n, 4, 95, 1, "PLANT") for n in (1, 2, 3)},
-    **{f"Current_{n}": (0x120 + n, 6, 115, 1, f"JOINT{n}") for n in (1, 2, 3)},
-    **{f"Parameter_{n}": (0x300 + n, 5, 105, 0, "DSP") for n in (1, 2, 3)},
-    **{f"Acknowledge_{n}": (0x310 + n, 7, 125, 0, f"JOINT{n}") for n in (1, 2, 3)},
-    **{f"State_{n}": (0x400 + n, 8, 135, 10, f"JOINT{n}") for n in (1, 2, 3)},
-    **{f"Heartbeat_{n}": (0x480 + n, 8, 135, 10, f"JOINT{n}") for n in (1, 2, 3)},
+    "AccelRef_2": (0x131, 8, 135, 2, "DSP"),
+    **{f"Encoder_{n}": (0x100 + n, 4, 95, cycle_ms(n), "PLANT") for n in JOINTS},
+    **{f"Current_{n}": (0x120 + n, 6, 115, cycle_ms(n), f"JOINT{n}") for n in JOINTS},
+    **{f"Parameter_{n}": (0x300 + n, 5, 105, 0, "DSP") for n in JOINTS},
+    **{f"Acknowledge_{n}": (0x310 + n, 7, 125, 0, f"JOINT{n}") for n in JOINTS},
+    **{f"State_{n}": (0x400 + n, 8, 135, status_ms(n), f"JOINT{n}") for n in JOINTS},
+    **{f"Heartbeat_{n}": (0x480 + n, 8, 135, status_ms(n), f"JOINT{n}") for n in JOINTS},
     "State_0": (0x400, 8, 135, 10, "PLANT"),
     "Heartbeat_0": (0x480, 8, 135, 10, "PLANT"),
     "State_7": (0x407, 8, 135, 10, "DSP"),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.dsp.kinematics import OutOfReach, SingularPoint, tip
-from firmware_py.dsp.trajectory import Circle, Quintic, Transformed, quintic
+from firmware_py.dsp.trajectory import Circle, Path, Quintic, Transformed, quintic
 
 LENGTHS = (0.30, 0.25, 0.15)
 START = (0.4, 0.9, -0.5)
@@ -152,3 +152,16 @@ def test_transformed_refuses_what_cannot_be_followed():
     stretched = (0.3, 0.01, 0.1)
     with pytest.raises(SingularPoint, match=r"q2 = 0\.0100 rad"):
         Transformed(Circle(tip(LENGTHS, stretched), 0.01, 1.0), LENGTHS, stretched).at(0.0)
+
+
+def test_path_is_its_legs_one_after_the_other_at_rest_between_them():
+    """Against the quintic of each leg, written out; a leg that goes nowhere is a rest."""
+    path = Path((1.0, 2.0, 0.5), [((0.1, 0.0, 0.0), 0.5), ((0.0, 0.0, 0.0), 0.2), ((0.0, -0.2, 0.0), 1.0)])
+    assert path.time_s == pytest.approx(1.7)
+    assert path.at(-1.0) == ((1.0, 2.0, 0.5), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert path.at(0.25)[0] == pytest.approx((1.05, 2.0, 0.5))
+    assert path.at(0.25)[1] == pytest.approx((0.1 / 0.5 * 15 / 8, 0.0, 0.0))  # the quintic's rate at half its time
+    for t_s in (0.5, 0.6, 0.7):
+        assert path.at(t_s) == (pytest.approx((1.1, 2.0, 0.5)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert path.at(1.2)[0] == pytest.approx((1.1, 1.9, 0.5))
+    assert path.at(9.0) == (pytest.approx((1.1, 1.8, 0.5)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

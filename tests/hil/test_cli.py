@@ -15,6 +15,7 @@ from typing import Any
 import can
 import pytest
 
+from hil import scenario_file
 from hil.wire import channel, client
 
 NUMBERS = (
@@ -71,7 +72,7 @@ def test_a_run_folder_runs_again_to_the_same_frames(hil: Any, short_settings: li
 
 def test_scenarios_lists_one_a_line(hil: Any) -> None:
     listed = hil.run("scenarios").stdout.splitlines()
-    assert [line.split()[0] for line in listed] == ["load-step", "paper-joint", "paper-task"]
+    assert [line.split()[0] for line in listed] == scenario_file.builtin_names()
     assert all(len(line.split()) > 3 for line in listed)
 
 
@@ -107,7 +108,7 @@ class Late(JointCPU):
 @pytest.mark.parametrize(
     ("words", "exit_code", "message"),
     [
-        (["nope"], 3, r"no scenario 'nope': built in are load-step, paper-joint, paper-task"),
+        (["nope"], 3, r"no scenario 'nope': built in are .*load-step, .*paper-joint, paper-task"),
         (["--set", "joint.obsever=1"], 3, r"unknown key joint.obsever: did you mean joint.observer\?"),
         (["paper-task", "--set", "trajectory.radius_m=0.5"], 3, r"puts the wrist .* m from the base"),
         (["--set", "joint2.cpu=faulty:Broken"], 5, r"joint2 .*faulty.py, line 5: ZeroDivisionError"),
