@@ -9,12 +9,15 @@ from pathlib import Path
 
 from cantools.database import load_file
 from cantools.database.can import Database, Message, Signal
+from cantools.database.conversion import BaseConversion
 from cantools.database.errors import UnsupportedDatabaseFormatError
 
 from dbc.codec import CRC_SIGNAL, Codec, CodecError, MessageCodec
 
 _FORMATS = {(8, False): "B", (8, True): "b", (16, False): "H", (16, True): "h", (32, False): "I", (32, True): "i"}
 LONGEST_DATA = 8
+JOINTS = 6
+"""Of the largest arm."""
 
 
 def load_arm() -> Codec:
@@ -33,6 +36,33 @@ def compile_dbc(path: str | Path) -> Codec:
     assert isinstance(database, Database)
     _refuse_duplicates(database.messages)
     return Codec([_compile_message(message) for message in database.messages])
+
+
+def arm_dbc(joints: int, rad_per_count: float) -> str:
+    """Return arm.dbc for an arm of so many joints, whose encoders count in steps of rad_per_count."""
+    with as_file(files("dbc") / "arm.dbc") as path:
+        database = load_file(path, database_format="dbc")
+    assert isinstance(database, Database)
+    absent = {f"JOINT{n}" for n in range(joints + 1, JOINTS + 1)}
+    database.nodes[:] = [node for node in database.nodes if node.name not in absent]
+    database.messages[:] = [message for message in database.messages if _is_of(message, joints)]
+    for message in database.messages:
+        message.senders[:] = [sender for sender in message.senders if sender not in absent]
+        for signal in message.signals:
+            signal.receivers[:] = [receiver for receiver in signal.receivers if receiver not in absent]
+            if signal.name == "Position":
+                top = ((1 << signal.length) - 1) * rad_per_count
+                signal.conversion, signal.maximum = BaseConversion.factory(scale=rad_per_count), top
+    database.refresh()
+    return database.as_dbc_string()
+
+
+def _is_of(message: Message, joints: int) -> bool:
+    """Return whether an arm of so many joints has this message: by the number at the end of its name, if it has one."""
+    number = message.name.rpartition("_")[2]
+    if message.name == "AccelRef_2":
+        return joints > JOINTS // 2
+    return not number.isdigit() or not joints < int(number) <= JOINTS
 
 
 def _refuse_duplicates(messages: list[Message]) -> None:

@@ -10,6 +10,8 @@ from errno import ENOTDIR
 from pathlib import Path
 from typing import Any
 
+from dbc.compiler import arm_dbc
+from hil.constants import rad_per_count
 from hil.errors import MissingExtraError, OutputError
 from hil.evaluate import Evaluation
 from hil.rig import Outcome
@@ -17,6 +19,7 @@ from hil.scenario import Scenario
 
 FRAME_LOG = "frames.log"
 SIGNALS = "signals.parquet"
+DATABASE = "arm.dbc"
 SUMMARY = "summary.json"
 SCENARIO = "scenario.toml"
 
@@ -63,6 +66,7 @@ def write_run(folder: Path, outcome: Outcome, evaluation: Evaluation | None, sum
     """Write everything but the figures."""
     (folder / SCENARIO).write_text(to_toml(outcome.scenario))
     outcome.log.write_candump(folder / FRAME_LOG, "arm")
+    (folder / DATABASE).write_text(arm_dbc(outcome.scenario.joints, rad_per_count(outcome.scenario)))
     (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
     if evaluation is not None:
         write_signals(folder / SIGNALS, evaluation)

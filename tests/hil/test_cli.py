@@ -59,7 +59,7 @@ def test_a_run_prints_a_table_and_leaves_a_folder(hil: Any, short_settings: list
     (folder,) = (hil.folder / "runs").iterdir()
     assert f"run folder: runs/{folder.name}" in run.stdout
     assert {path.name for path in folder.iterdir()} == {
-        "scenario.toml", "frames.log", "signals.parquet", "summary.json",
+        "scenario.toml", "frames.log", "arm.dbc", "signals.parquet", "summary.json",
         *(f"{figure}.png" for figure in FIGURES), *(f"{figure}.svg" for figure in FIGURES),
     }  # fmt: skip
 

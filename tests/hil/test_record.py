@@ -10,15 +10,12 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-import dbc
 from hil.errors import OutputError
 from hil.evaluate import evaluate
 from hil.experiment import examine, write
 from hil.record import run_folder
 from hil.rig import Outcome, run_inline
 from hil.scenario import Scenario
-
-ARM_DBC = Path(dbc.__path__[0]) / "arm.dbc"
 
 
 @pytest.fixture
@@ -41,7 +38,7 @@ def test_can_player_s_reader_reads_the_log_back(folder: Path, outcome: Outcome) 
 
 def test_cantools_decodes_every_frame_of_the_log(folder: Path, outcome: Outcome) -> None:
     decoded = subprocess.run(
-        [sys.executable, "-m", "cantools", "decode", "--single-line", str(ARM_DBC)],
+        [sys.executable, "-m", "cantools", "decode", "--single-line", str(folder / "arm.dbc")],
         stdin=(folder / "frames.log").open(),
         capture_output=True,
         text=True,
