@@ -10,8 +10,10 @@ from dbc.compiler import load_arm
 from dbc.crc import crc16
 from dbc.status import Status
 from firmware_py.dsp import kinematics, trajectory
-from firmware_py.dsp.control import position_control, resting_cycle
+from firmware_py.dsp.computed_torque import ComputedTorque
+from firmware_py.dsp.control import CommandTable, PositionControl, position_control, resting_cycle
 from firmware_py.dsp.cpu import DSP, DSPSettings
+from firmware_py.dsp.inverse_dynamics import ArmModel
 from firmware_py.joint_cpu import SIGNALS, JointCPU
 from firmware_py.words import Words
 from hil import constants
@@ -186,7 +188,29 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         scenario.cycles,
         scenario.period_ns,
     )
+    if scenario.dsp.law == "computed-torque":
+        control = computed_torque(scenario, control)
     return DSP(settings, control, codec, _status(scenario, codec, DSP_NUMBER))
+
+
+def computed_torque(scenario: Scenario, control: PositionControl) -> ComputedTorque:
+    """Return the law that turns a position controller's references into torques."""
+    commands = CommandTable(joint_trajectory(scenario), scenario.cycles, scenario.period_ns)
+    return ComputedTorque(control, commands, scenario.start_rad, arm_model(scenario), scenario.joint.inertia_kg_m2)
+
+
+def arm_model(scenario: Scenario) -> ArmModel:
+    """Return what the DSP believes of the arm."""
+    arm, scale = scenario.arm, scenario.model.scale
+    return ArmModel(
+        lengths_m=arm.lengths_m,
+        masses_kg=tuple(scale * mass for mass in arm.masses_kg),
+        rotor_inertia_kg_m2=tuple(scale * rotor for rotor in arm.rotor_inertia_kg_m2),
+        viscosity_N_m_s=tuple(scale * viscosity for viscosity in arm.viscosity_N_m_s),
+        coulomb_N_m=tuple(scale * coulomb for coulomb in arm.coulomb_N_m),
+        gravity_m_s2=arm.gravity_m_s2,
+        payload_kg=scenario.model.payload_kg,
+    )
 
 
 # -- joints --

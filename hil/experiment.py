@@ -1,4 +1,4 @@
-"""One experiment from the command to the folder: the run, the same with the observer the other way, what they say."""
+"""One experiment from the command to the folder: the run, its counterpart, what they say."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 from hil.evaluate import Evaluation, evaluate
 from hil.record import run_folder, write_run
 from hil.rig import Outcome, run_inline
-from hil.scenario import Scenario
+from hil.scenario import Model, Scenario
 from hil.summary import deviations, summarise
 
 
@@ -15,7 +15,8 @@ from hil.summary import deviations, summarise
 class Result:
     """A run, its evaluation (None if it never reached cycle 0), its summary, and its counterpart's evaluation.
 
-    The counterpart is the same scenario with the observer switched the other way, run inline; None after a fault.
+    The counterpart is the same scenario with the observer switched the other way, run inline; None after a fault. That
+    of computed torque is the observer, at the same gains.
     """
 
     outcome: Outcome
@@ -41,14 +42,16 @@ def examine(outcome: Outcome, startup_s: float) -> Result:
         # not compiled: in the rig's process Numba would cost more than it saves
         counterpart = evaluate(run_inline(switched(outcome.scenario), compiled=False))
     if counterpart is not None:
-        summary["counterpart"] = {"observer": counterpart.scenario.joint.observer, **deviations(counterpart)}
+        other = counterpart.scenario
+        summary["counterpart"] = {"observer": other.joint.observer, "law": other.dsp.law, **deviations(counterpart)}
     return Result(outcome, evaluation, summary, counterpart)
 
 
 def switched(scenario: Scenario) -> Scenario:
-    """Return the scenario with the observer the other way."""
+    """Return the scenario with the observer the other way, and with the law that suits an observer."""
     joint = scenario.joint.model_copy(update={"observer": not scenario.joint.observer})
-    return scenario.model_copy(update={"joint": joint})
+    dsp = scenario.dsp.model_copy(update={"law": "acceleration"})
+    return scenario.model_copy(update={"joint": joint, "dsp": dsp, "model": Model()})
 
 
 def write(result: Result, path: Path) -> None:

@@ -127,9 +127,20 @@ class Dsp(Part):
     """The position controller."""
 
     space: Literal["joint", "task"] = "joint"
+    law: Literal["acceleration", "computed-torque"] = "acceleration"
+    """What AccelRef carries: q"_ref, or the torque of [model] over joint.inertia_kg_m2."""
     k1_1_s: Annotated[float, Field(ge=0, le=1e6)] = 90.0
     k2_1_s2: Annotated[float, Field(ge=0, le=1e6)] = 2000.0
     compute_s: Time = 200e-6
+
+
+class Model(Part):
+    """What the DSP believes of the arm, for dsp.law = 'computed-torque'."""
+
+    scale: Positive = 1.0
+    """Believed over true, of all masses, rotor inertias, viscosities and Coulomb frictions."""
+    payload_kg: NonNegative = 0.0
+    """Believed on the hand, from start to end."""
 
 
 class QuinticMove(Part):
@@ -214,6 +225,7 @@ class Scenario(Part):
     joint5: OneJoint = OneJoint()
     joint6: OneJoint = OneJoint()
     dsp: Dsp = Dsp()
+    model: Model = Model()
     trajectory: Annotated[QuinticMove | CircleMove | LineMove | PathMove, Field(discriminator="kind")]
     load: tuple[Load, ...] = ()
     torque: tuple[Torque, ...] = ()

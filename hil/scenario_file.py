@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import ScenarioError
-from hil.scenario import Scenario, to_ns
+from hil.scenario import Model, Scenario, to_ns
 from hil.wire.fault import check_faults
 from hil.wire.rates import bit_time_refusal
 from plant.parameters import MAX_JOINTS
@@ -137,6 +137,7 @@ def check(scenario: Scenario) -> None:
     _check_faults(scenario)
     _check_spaces(scenario)
     _check_torques(scenario)
+    _check_law(scenario)
     if 0.0 < scenario.drive.lag_s < SHORTEST_LAG_S:
         raise ScenarioError(f"drive.lag_s = {scenario.drive.lag_s}: 0 (none), or {SHORTEST_LAG_S} s and more")
     for load in scenario.load:
@@ -179,6 +180,19 @@ def _check_torques(scenario: Scenario) -> None:
 
 def _check_faults(scenario: Scenario) -> None:
     check_faults(scenario.wire.faults, scenario.node_names, scenario.bus.fidelity == "functional", fd=False)
+
+
+def _check_law(scenario: Scenario) -> None:
+    if scenario.dsp.law == "computed-torque" and scenario.joint.observer:
+        raise ScenarioError(
+            "dsp.law = 'computed-torque' with joint.observer = true: the law sends torques, which the observer would "
+            "take for accelerations: set joint.observer = false, or dsp.law = 'acceleration'"
+        )
+    if scenario.dsp.law == "acceleration" and scenario.model != Model():
+        raise ScenarioError(
+            f"[model] {scenario.model} with dsp.law = 'acceleration', which needs no model of the arm: "
+            "leave it out, or set dsp.law = 'computed-torque'"
+        )
 
 
 def _check_rates(scenario: Scenario) -> None:

@@ -86,7 +86,13 @@ def _headline(summary: dict[str, Any]) -> str:
 def _columns(summary: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """Return the runs to show beside each other, the one asked for first."""
     runs = [summary] + ([summary["counterpart"]] if "counterpart" in summary else [])
-    return [("observer on" if run["observer"] else "observer off", run) for run in runs]
+    return [(_controller(run), run) for run in runs]
+
+
+def _controller(run: dict[str, Any]) -> str:
+    if run["law"] == "computed-torque":
+        return "computed torque"
+    return "observer on" if run["observer"] else "observer off"
 
 
 def _joints(summary: dict[str, Any]) -> Table:

@@ -43,6 +43,7 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "fidelity": scenario.bus.fidelity,
         "mode": outcome.mode,
         "observer": scenario.joint.observer,
+        "law": scenario.dsp.law,
         "simulated_s": min(simulated_s, scenario.duration_s),
         "wall_s": outcome.wall_s,
         "startup_s": startup_s,
