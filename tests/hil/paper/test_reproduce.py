@@ -97,6 +97,12 @@ def test_noise_grows_with_the_encoder_s_step_and_g_as_predicted_up_to_the_limit(
     assert not at[819_200, 700.0]["saturated"]
 
 
+def test_table_1_and_the_rival_stand_in_the_report(values: Any) -> None:
+    """tests/hil/paper/test_table1.py and test_rivals.py hold the figures."""
+    assert [row["joints"] for row in values["table1"]] == [1, 2, 3, 4, 5, 6]
+    assert {row["name"] for row in values["rivals"]} >= {"observer", "computed torque, exact", "neither"}
+
+
 def test_joint_space_holds_a_shorter_period(values: Any) -> None:
     offline, task = values["period"]
     assert offline["compute_s"] < task["compute_s"]
