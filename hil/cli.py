@@ -208,19 +208,24 @@ def paper(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the figures as JSON; no folder without --out.")
     ] = False,
+    only: Annotated[
+        list[str],
+        typer.Option("--only", metavar="PART", help="Only this part, with its tables: table1, fig8, .. (repeatable)."),
+    ] = [],  # noqa: B006 (as above)
     jobs: Annotated[int | None, typer.Option(min=1, max=256, help="Runs at a time; default: one a CPU.")] = None,
 ) -> None:
     """Reproduce the paper: every table, figure and claim beside what the rig does."""
     from hil import record, show
     from hil.paper import reproduce
+    from hil.paper.report import to_json
 
     if out is None and not as_json:
         out = Path("runs") / f"paper-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
     if out is not None:
         record.check_new(out)
     with show.progress("paper", quiet=as_json) as (step, _notice):
-        found = reproduce.reproduce(out, jobs, step)
-    print(json.dumps(found, allow_nan=False)) if as_json else show.claims(found["claims"], out)
+        found = reproduce.reproduce(out, jobs, step, only)
+    print(json.dumps(to_json(found), allow_nan=False)) if as_json else show.report(found, bool(only), out)
 
 
 @app.command()

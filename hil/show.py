@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from hil.experiment import Result
+from hil.paper.report import Section
 
 Step = Callable[[float], None]
 Notice = Callable[[str], None]
@@ -45,16 +46,17 @@ def result(found: Result, folder: Path | None) -> None:
         console.print(f"run folder: {folder}", soft_wrap=True)
 
 
-def claims(found: list[dict[str, Any]], folder: Path | None) -> None:
-    """Print what a paper claims beside what was measured."""
+def report(sections: list[Section], with_tables: bool, folder: Path | None) -> None:
+    """Print what the paper claims beside what was measured, and the tables behind it if wanted."""
     console = Console(markup=False, highlight=False)
-    table = Table(show_lines=True)
-    for column in ("the paper says", "where", "we measure", "holds"):
-        table.add_column(column)
-    for claim in found:
-        table.add_row(
-            claim["says"], claim["where"], claim["measured"], {True: "yes", False: "no"}.get(claim["holds"], "-")
-        )
+    for part in [part for section in sections for part in section.tables if with_tables]:
+        table = Table(*part.header, title=part.title)
+        for row in part.rows:
+            table.add_row(*row)
+        console.print(table)
+    table = Table("the paper says", "where", "we measure", "holds", show_lines=True)
+    for claim in [claim for section in sections for claim in section.claims]:
+        table.add_row(claim.says, claim.where, claim.measured, claim.verdict)
     console.print(table)
     if folder is not None:
         console.print(f"page: {folder / 'index.html'}", soft_wrap=True)

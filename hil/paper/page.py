@@ -30,13 +30,8 @@ def write_page(folder: Path, sections: list[Section]) -> Path:
     return path
 
 
-def verdict(claim: Claim) -> str:
-    """Return whether a claim holds, in a word."""
-    return {True: "yes", False: "no", None: "-"}[claim.holds]
-
-
 def _claims(claims: list[Claim]) -> str:
-    rows = [(claim.says, claim.where, claim.measured, verdict(claim)) for claim in claims]
+    rows = [(claim.says, claim.where, claim.measured, claim.verdict) for claim in claims]
     return _table(Table("Claims", ("the paper says", "where", "we measure", "holds"), rows))
 
 

@@ -109,18 +109,18 @@ def _annotate(axes: "Axes", values: Any, saturated: list[list[bool]]) -> None:
 def draw_bars(stem: Path, title: str, unit: str, labels: list[str], groups: dict[str, list[float]]) -> None:
     """Draw values side by side on a logarithmic axis: groups of bars, one bar a label."""
     with drawing():
-        figure = _figure(0.9 + 0.28 * len(labels) * max(1, len(groups)))
+        figure = _figure(1.0 + 0.14 * len(labels) * len(groups))
         axes = figure.subplots()
         height = 0.8 / len(groups)
         places = np.arange(len(labels))
         colours = (WITH["color"], WITHOUT["color"], COLOURS[2], COMMAND["color"])
         for k, (name, values) in enumerate(groups.items()):
             bars = axes.barh(places + k * height, values, height, label=name, color=colours[k % len(colours)])
-            axes.bar_label(bars, fmt="%.3g", fontsize=7.0, padding=2)
+            axes.bar_label(bars, fmt="%.4g", fontsize=6.0, padding=2)
         axes.set(yticks=places + 0.4 - height / 2, xscale="log", xlabel=unit)
         axes.set_yticklabels(labels)
         axes.invert_yaxis()
-        axes.margins(x=0.15)
+        axes.margins(x=0.15, y=0.01)
         axes.grid(axis="x", **GRID)
         _close(figure, stem, title, len(groups))
 

@@ -18,6 +18,11 @@ class Claim:
     measured: str
     holds: bool | None
 
+    @property
+    def verdict(self) -> str:
+        """Whether it holds, in a word."""
+        return {True: "yes", False: "no", None: "-"}[self.holds]
+
 
 @dataclass(frozen=True)
 class Table:

@@ -3,12 +3,12 @@
 import json
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
 
+from hil.errors import ScenarioError
 from hil.paper.page import write_page
 from hil.paper.report import Folder, Section, to_json
 from hil.paper.sections import SECTIONS
@@ -17,21 +17,31 @@ from hil.record import run_folder
 VALUES = "paper.json"
 
 
-def reproduce(out: Path | None, jobs: int | None, step: Callable[[float], None]) -> dict[str, Any]:
-    """Measure everything and write it to the folder, whole or not at all; return it. step: told the share done."""
+def reproduce(
+    out: Path | None, jobs: int | None, step: Callable[[float], None], only: Collection[str] = ()
+) -> list[Section]:
+    """Measure all parts, or only these, and write them to the folder, whole or not at all; return them.
+
+    step: told the share done. Raises ScenarioError for a part that is not there.
+    """
+    unknown = sorted(set(only) - SECTIONS.keys())
+    if unknown:
+        raise ScenarioError(f"the report has no part {unknown[0]!r}: it has {', '.join(SECTIONS)}")
+    names = [name for name in SECTIONS if name in only or not only]
     with pool(jobs) as executor, nullcontext() if out is None else run_folder(out) as folder:
-        sections = list(_measured(executor, folder, step))
-        found = to_json(sections)
+        sections = list(_measured(names, executor, folder, step))
         if folder is not None:
-            (folder / VALUES).write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
+            (folder / VALUES).write_text(json.dumps(to_json(sections), indent=2, allow_nan=False) + "\n")
             write_page(folder, sections)
-    return found
+    return sections
 
 
-def _measured(executor: Executor, folder: Folder, step: Callable[[float], None]) -> Iterator[Section]:
-    for done, make in enumerate(SECTIONS.values()):
-        step(done / len(SECTIONS))
-        yield make(executor, folder)
+def _measured(
+    names: Sequence[str], executor: Executor, folder: Folder, step: Callable[[float], None]
+) -> Iterator[Section]:
+    for done, name in enumerate(names):
+        step(done / len(names))
+        yield SECTIONS[name](executor, folder)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""All parts of the report on the paper, in the order of the paper."""
+"""All parts of the report on the paper, by name, in their order."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -7,13 +7,13 @@ from hil.paper import cost_sections, motion_sections, observer_sections
 from hil.paper.report import Folder, Section
 
 SECTIONS: dict[str, Callable[[Executor, Folder], Section]] = {
-    "fig. 8": observer_sections.fig8,
-    "table 1": cost_sections.table1,
-    "computed torque": cost_sections.rivals,
-    "fig. 15": motion_sections.fig15,
-    "fig. 16": motion_sections.fig16,
+    "fig8": observer_sections.fig8,
+    "table1": cost_sections.table1,
+    "fig15": motion_sections.fig15,
+    "fig16": motion_sections.fig16,
     "steps": motion_sections.steps,
-    "inertia and payload": observer_sections.tolerance,
+    "tolerance": observer_sections.tolerance,
     "noise": observer_sections.noise_claim,
-    "shorter period": motion_sections.shorter_period,
+    "period": motion_sections.shorter_period,
+    "rivals": cost_sections.rivals,
 }

@@ -1,6 +1,7 @@
 """`hil paper` as a user runs it: one run, and every figure that the paper and the theory ask of it."""
 
 import json
+import re
 import signal
 import time
 from html.parser import HTMLParser
@@ -166,3 +167,22 @@ def test_interrupted_it_leaves_no_process_and_no_folder(number: signal.Signals, 
     while any(Path(f"/proc/{pid}").exists() for pid in children):
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def test_parts_can_be_asked_for_by_name_and_show_their_tables(hil: Any) -> None:
+    run = hil.run("paper", "--only", "table1", "--only", "period", "--out", "page")
+    assert run.returncode == 0, run.stderr
+    for words in ("Newton-Euler a link", "the shortest period that holds", "we measure"):
+        assert words in run.stdout
+    assert json.loads((hil.folder / "page" / "paper.json").read_text()).keys() == {
+        "claims",
+        "choices",
+        "table1",
+        "period",
+    }
+
+
+def test_part_that_is_not_there_is_refused_with_those_there_are(hil: Any) -> None:
+    run = hil.run("paper", "--only", "fig7", "--json")
+    assert run.returncode == 3
+    assert re.search(r"the report has no part 'fig7': it has fig8, table1, ", run.stderr)
