@@ -1,5 +1,6 @@
 """The figures of the report that no single run has: fig. 8, tolerance, noise, interference, limits."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,34 +77,44 @@ def draw_tolerance(stem: Path, runs: list[Tolerated]) -> None:
 
 
 def draw_noise(stem: Path, runs: list[Noise], joint: int) -> None:
-    """Draw the current noise of one joint (from 0) over encoder counts and g; limit cycles are crossed."""
+    """Draw the current noise of one joint (from 0) and its deviation over encoder counts and g; x: a limit cycle."""
     with drawing():
-        figure = _figure(3.8)
-        panels = figure.subplots(1, 2, sharey=True)
-        counts = sorted({run.counts_per_turn for run in runs})
-        gs = sorted({run.g_rad_s for run in runs})
-        found = {(run.counts_per_turn, run.g_rad_s): run for run in runs}
-        from matplotlib.colors import LogNorm
-
-        for axes, title, name in zip(panels, ("measured", "predicted"), ("measured_A", "predicted_A"), strict=True):
-            values = np.array([[getattr(found[count, g], name)[joint] for count in counts] for g in gs])
-            image = axes.imshow(values, origin="lower", aspect="auto", cmap="cividis", norm=LogNorm(0.01, 5.0))
-            _annotate(axes, values, [[found[count, g].saturated for count in counts] for g in gs])
-            axes.set(title=title, xlabel="encoder counts a turn", xticks=range(len(counts)), yticks=range(len(gs)))
-            axes.set_xticklabels([f"{count:,}".replace(",", " ") for count in counts], rotation=30, ha="right")
-            axes.set_yticklabels([f"{g:g}" for g in gs])
-        panels[0].set_ylabel("g, rad/s")
-        figure.colorbar(image, ax=panels, label="current noise, A rms")
-        title = f"noise in the current of joint {joint + 1}; x: a limit is reached, a limit cycle."
+        figure = _figure(6.0)
+        panels = figure.subplots(2, 2, sharex=True, sharey=True)
+        noise = "current noise, A rms"
+        _map(panels[0, 0], runs, lambda run: run.measured_A[joint], f"{noise}: measured", (0.01, 5.0))
+        _map(panels[0, 1], runs, lambda run: run.predicted_A[joint], f"{noise}: predicted", (0.01, 5.0))
+        deviation = "largest deviation, µrad"
+        _map(
+            panels[1, 0], runs, lambda run: run.largest_rad[joint] * 1e6, f"{deviation}: joint {joint + 1}", (20, 3000)
+        )
+        _map(panels[1, 1], runs, lambda run: max(run.largest_rad) * 1e6, f"{deviation}: of all joints", (20, 3000))
+        title = f"noise in the current of joint {joint + 1}, and deviation; x: a limit is reached, a limit cycle."
         _close(figure, stem, title, 0)
 
 
-def _annotate(axes: "Axes", values: Any, saturated: list[list[bool]]) -> None:
-    for row, line in enumerate(values):
-        for column, value in enumerate(line):
-            mark = " x" if saturated[row][column] else ""
-            colour = "white" if value < 0.3 else "black"
-            axes.text(column, row, f"{value:.2g}{mark}", ha="center", va="center", fontsize=7.0, color=colour)
+def _map(
+    axes: "Axes", runs: list[Noise], value: Callable[[Noise], float], title: str, limits: tuple[float, float]
+) -> None:
+    from matplotlib.colors import LogNorm
+
+    counts, gs = sorted({run.counts_per_turn for run in runs}), sorted({run.g_rad_s for run in runs})
+    found = {(run.counts_per_turn, run.g_rad_s): run for run in runs}
+    grid = [[found[count, g] for count in counts] for g in gs]
+    values = np.array([[value(run) for run in row] for row in grid])
+    axes.imshow(values, origin="lower", aspect="auto", cmap="cividis", norm=LogNorm(*limits))
+    middle = np.sqrt(limits[0] * limits[1])
+    for (row, column), x in np.ndenumerate(values):
+        text = f"{x:.{2 if x < 10 else 0}{'g' if x < 10 else 'f'}}{' x' if grid[row][column].saturated else ''}"
+        colour = "white" if x < middle else "black"
+        axes.text(column, row, text, ha="center", va="center", fontsize=7.0, color=colour)
+    axes.set(title=title, xticks=range(len(counts)), yticks=range(len(gs)))
+    axes.set_xticklabels([f"{count:,}".replace(",", " ") for count in counts], rotation=30, ha="right")
+    axes.set_yticklabels([f"{g:g}" for g in gs])
+    if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
+        axes.set_xlabel("encoder counts a turn")
+    if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
+        axes.set_ylabel("g, rad/s")
 
 
 def draw_bars(stem: Path, title: str, unit: str, labels: list[str], groups: dict[str, list[float]]) -> None:
