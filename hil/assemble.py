@@ -98,7 +98,11 @@ def build_plant(scenario: Scenario, codec: Codec, compiled: bool = False) -> Pla
     start_ns = -scenario.clock.setup_cycles * scenario.period_ns
     max_step_ns = min(scenario.period_ns, 1_000_000)
     arm = arm_parameters(scenario, codec)
-    robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=compiled)
+    backend = scenario.plant.backend
+    try:
+        robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=compiled, backend=backend)
+    except ValueError as error:
+        raise ScenarioError(f"plant.backend = {backend!r}: {error}") from None
     if compiled:
         robot.prepare()
     delays = constants.action_delays_ns(scenario)

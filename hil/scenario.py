@@ -65,6 +65,13 @@ class Clock(Part):
     setup_cycles: Annotated[int, Field(ge=10, le=100_000)] = 200
 
 
+class PlantModel(Part):
+    """What computes the arm's motion."""
+
+    backend: Literal["closed", "pymunk"] = "closed"
+    """The closed form, or pymunk for direct-drive arms without friction: a cross-check."""
+
+
 class Arm(Part):
     """The rigid bodies and what rubs on them; one entry a joint, base first."""
 
@@ -213,6 +220,7 @@ class Scenario(Part):
     start_rad: tuple[Angle, ...] = (0.4, 0.9, -0.5)
     bus: Bus = Bus()
     clock: Clock = Clock()
+    plant: PlantModel = PlantModel()
     arm: Arm = Arm()
     drive: Drive = Drive()
     encoder: Encoder = Encoder()

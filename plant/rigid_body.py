@@ -36,6 +36,7 @@ class RigidBody:
 
     def __init__(self, parameters: ArmParameters, payload_kg: float = 0.0, compiled: bool = False) -> None:
         self.parameters = parameters
+        self.payload_kg = payload_kg
         self._compiled = compiled
         self._n = parameters.joints
         self._values = constants(parameters, payload_kg) | _drive_constants(parameters)

@@ -13,9 +13,9 @@ from math import isfinite
 from plant.brake import Brake
 from plant.drive import Amplifiers
 from plant.encoder import Encoder
+from plant.motion import motion_of
 from plant.parameters import ArmParameters, Vector, check_payload
 from plant.rigid_body import RigidBody
-from plant.stick_slip import StickSlip
 
 MS = 1_000_000
 
@@ -24,6 +24,7 @@ class Robot:
     """An arm at rest in its start pose, brakes engaged, at start_ns; ValueError if the pose or a step does not fit.
 
     compiled: faster where Numba is installed, to the same bits; it costs half a second once in a process.
+    backend: what computes the motion (`motion`).
     """
 
     def __init__(
@@ -34,6 +35,7 @@ class Robot:
         max_step_ns: int = MS,
         payload_kg: float = 0.0,
         compiled: bool = False,
+        backend: str = "closed",
     ) -> None:
         if len(start_rad) != parameters.joints or not all(isfinite(q) for q in start_rad):
             raise ValueError(
@@ -55,7 +57,8 @@ class Robot:
         self._amplifiers = Amplifiers(parameters)
         self._compiled = compiled
         body = RigidBody(parameters, payload_kg, compiled)
-        self._motion = StickSlip(body, self._amplifiers, tuple(map(float, start_rad)))
+        start = tuple(map(float, start_rad))
+        self._motion = motion_of(backend, body, self._amplifiers, start, self._max_step_ns)
         self._events: list[tuple[int, int, Callable[..., None], tuple[float, ...]]] = []
         self._sequence = 0
         self._friction_changed()

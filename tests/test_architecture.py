@@ -26,6 +26,7 @@ ONLY_IN = {
     "matplotlib": {"hil/bench_plot.py", "hil/figures.py", "hil/paper/plots.py"},
     "pyarrow": {"hil/record.py"},
     "numba": {"plant/compiled.py"},
+    "pymunk": {"plant/pymunk_links.py"},
     "pickle": set(),
 }
 
