@@ -57,9 +57,7 @@ class BackendComparison:
     def __str__(self) -> str:
         found, name = self.backends, self.scenario.name
         if found.first is None:
-            return (
-                f"{name}: all Encoder frames of {found.cycles} cycles are equal, angles within {found.angle.size:.1e} rad"
-            )
+            return f"{name}: {found.cycles} cycles, all Encoder frames equal, angles within {found.angle.size:.1e} rad"
         text = (
             f"{name}: angles within {found.angle_before.size:.1e} rad up to cycle {found.first.cycle}, where the first "
             f"Encoder frame differs (joint {found.first.joint}); in {found.cycles} cycles by at most "
@@ -68,8 +66,8 @@ class BackendComparison:
         if found.beyond is None:
             return text
         return (
-            f"{text}, by more than 1 from cycle {found.beyond.cycle} on (joint {found.beyond.joint}): from its first other "
-            f"count on each loop answers its own; the closed form against itself with 1 mg on the hand differs by "
+            f"{text}, by more than 1 from cycle {found.beyond.cycle} on (joint {found.beyond.joint}): from its first "
+            "other count on each loop answers its own; the closed form against itself with 1 mg on the hand differs by "
             f"{self.control.counts.size:.0f} counts and {self.control.angle.size:.1e} rad"
         )
 
@@ -89,7 +87,7 @@ def difference(one: Outcome, other: Outcome) -> Difference:
     q, q_other = _angles(one), _angles(other)
     cycles = min(len(q), len(q_other), one.scenario.cycles)
     if cycles == 0:
-        raise FaultError(f"{one.scenario.name}: a run ended in its set-up, so there is nothing to compare: run it alone")
+        raise FaultError(f"{one.scenario.name}: a run ended in its set-up, nothing is there to compare: run it alone")
     angles = abs(q[:cycles] - q_other[:cycles])
     counts = abs(_wrapped(_encoder_counts(one) - _encoder_counts(other)))[:cycles]
     first = _first(counts, counts > 0)

@@ -1,7 +1,7 @@
 """What moves the arm between the robot's events: one seam, two ways to compute the same motion.
 
-`closed`: the closed form with classical Runge-Kutta steps and exact Coulomb friction, the record. `pymunk`: the links as
-rigid bodies held together by impulses, which shares no equation with it: to cross-check direct-drive arms.
+`closed`: the closed form with classical Runge-Kutta steps and exact Coulomb friction, the record. `pymunk`: the links
+as rigid bodies held together by impulses, which shares no equation with it: to cross-check direct-drive arms.
 """
 
 from typing import Protocol

@@ -1,9 +1,9 @@
 """A direct-drive arm moved by pymunk instead of the closed form: the same calls as `stick_slip.StickSlip`.
 
 Time is cut into steps of constant length from the release of the brakes on. The kick at t_j stands for what acts from
-t_j - step/2 to t_j + step/2, so a torque that changes in between acts by its mean, and the speed it leaves is exact; the
-position then is up to (step/2)^2 / 2 times the change of acceleration beside it. Viscosity takes the speed at t_j from
-the two half steps before it.
+t_j - step/2 to t_j + step/2, so a torque that changes in between acts by its mean: the speed that it leaves is exact,
+the position beside it by at most step^2 / 8 times the change of acceleration. Viscosity takes the speed at t_j from the
+two half steps before it.
 The closed form does three things here: it holds the arm while brakes are engaged (before a run; after it, they slow it
 down), it says the acceleration, and with it what is read between two kicks: angles at t_j are pymunk's own. A payload
 that changes begins new steps at that instant.
@@ -132,21 +132,18 @@ class PymunkArm:
     def _kick(self) -> None:
         """Go to t_j, and on to the speeds of half a step later."""
         links, step_s = self._links, self._step_s
-        rates = links.rates
-        Kt = self._torque_constant()
         share = self._gathered_s / step_s
-        columns = zip(Kt, self._charge, self._push, self._parameters.viscosity_Nms, rates, self._rates_before, strict=True)
-        torque = [
-            (K * charge + push) / step_s - share * D * (1.5 * w - 0.5 * before)
-            for K, charge, push, D, w, before in columns
-        ]
+        rates = links.rates
+        now = [1.5 * w - 0.5 * before for w, before in zip(rates, self._rates_before, strict=True)]
+        columns = zip(self._constants(), self._charge, self._push, self._parameters.viscosity_Nms, now, strict=True)
+        torque = [(K * charge + push) / step_s - share * D * w for K, charge, push, D, w in columns]
         links.step(tuple(torque), share)
         # before the first step the speed is that of the start: what came half a step before it mirrors what comes after
         self._rates_before = rates if self._begun else _extrapolated(rates, links.rates)
         self._begun = True
         self._start_kick(-0.5 * step_s)
 
-    def _torque_constant(self) -> Vector:
+    def _constants(self) -> Vector:
         if any(self._parameters.ripple):
             return torque_constant(self._parameters, self._links.ahead())
         return self._parameters.torque_constant_Nm_A
@@ -158,6 +155,8 @@ class PymunkArm:
             self.q, self.w = self._closed.q, self._closed.w
         elif self._moved:
             self._moved = False
+            if self._begun:
+                self._links.check()
             at_kick, rates = self._links.ahead(), self._links.rates
             a = self._body.acceleration(at_kick, rates, self._mean_torque(at_kick))
             since, gathered = self._since_s, self._gathered_s

@@ -36,7 +36,7 @@ def test_in_a_closed_loop_frames_are_equal_until_an_edge_falls_between_two_angle
 
 def test_without_the_observer_encoder_frames_differ_by_one_count_at_most() -> None:
     found = compared("joint.observer=false").backends
-    assert (found.counts.size, found.beyond) == (1, None)
+    assert found.counts.size <= 1
     assert found.angle.size <= 8e-6
 
 
@@ -49,7 +49,8 @@ def test_an_arm_that_falls_falls_in_both_the_same_way() -> None:
 
 def test_the_nominal_inertia_of_direct_drive_is_the_least_over_the_workspace() -> None:
     scenario = scenario_file.load("direct-drive")
-    assert scenario.joint.inertia_kg_m2 == pytest.approx(nominal_inertia(arm_parameters(scenario, load_arm())), rel=1e-3)
+    least = nominal_inertia(arm_parameters(scenario, load_arm()))
+    assert scenario.joint.inertia_kg_m2 == pytest.approx(least, rel=1e-3)
 
 
 @pytest.mark.parametrize("backend", ["closed", "pymunk"])
@@ -84,7 +85,8 @@ def test_a_comparison_of_what_pymunk_cannot_carry_is_refused() -> None:
         compare_backends(scenario_file.load("paper-joint", [SHORT]))
 
 
-def test_frames_are_the_same_inline_and_as_processes(runtime: object) -> None:
+@pytest.mark.usefixtures("runtime")
+def test_frames_are_the_same_inline_and_as_processes() -> None:
     scenario = scenario_file.load("direct-drive", [PYMUNK, SHORT])
     assert run_processes(scenario, "arm").log.sha256() == run_inline(scenario).log.sha256()
 
@@ -96,7 +98,7 @@ def test_a_comparison_says_where_and_why() -> None:
     alone = str(compared("joint.observer=false"))
     assert alone.endswith("rad")
     assert "by at most 1 counts" in alone
-    assert str(compared(SHORT)).startswith("direct-drive: all Encoder frames of 100 cycles are equal, angles within ")
+    assert str(compared(SHORT)).startswith("direct-drive: 100 cycles, all Encoder frames equal, angles within ")
 
 
 def test_a_difference_is_found_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,7 +120,7 @@ def test_a_difference_is_found_where_it_is(monkeypatch: pytest.MonkeyPatch) -> N
 def test_runs_that_never_began_are_no_comparison() -> None:
     outcome = run_inline(scenario_file.load("direct-drive", [SHORT]), compiled=False)
     outcome.reports["plant"]["rows"] = []
-    with pytest.raises(FaultError, match="direct-drive: a run ended in its set-up, so there is nothing to compare"):
+    with pytest.raises(FaultError, match="direct-drive: a run ended in its set-up, nothing is there to compare"):
         backends.difference(outcome, outcome)
 
 

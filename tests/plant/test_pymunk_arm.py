@@ -45,13 +45,12 @@ def test_a_swing_of_2_s_is_that_of_the_closed_form(start):
     assert swing(DIRECT, start, 2 * S) <= 3e-6
 
 
-def test_the_setting_as_shipped_would_show(monkeypatch):
-    monkeypatch.setattr(pymunk_links, "ERROR_BIAS", AS_SHIPPED)
-    assert swing(DIRECT, LIFTED, 2 * S) > 2e-4
-
-
-def test_a_bound_on_the_correction_would_show(monkeypatch):
-    monkeypatch.setattr(pymunk_links, "MAX_BIAS", 0.0)
+@pytest.mark.parametrize(("setting", "value"), [("ERROR_BIAS", AS_SHIPPED), ("MAX_BIAS", 0.0)])
+def test_a_lost_setting_would_show_and_ends_the_run(setting, value, monkeypatch):
+    monkeypatch.setattr(pymunk_links, setting, value)
+    with pytest.raises(ArithmeticError, match="the joints stand open by"):
+        swing(DIRECT, LIFTED, 2 * S)
+    monkeypatch.setattr(pymunk_links, "MOST_OPEN", np.inf)
     assert swing(DIRECT, LIFTED, 2 * S) > 2e-4
 
 
@@ -133,7 +132,7 @@ def act(robot, read=()):
 
 
 def test_what_acts_at_odd_instants_acts_as_in_the_closed_form():
-    """Angles, and speeds and accelerations as they are read, at every ms; a payload comes and goes between two kicks."""
+    """Angles, and speeds and accelerations as they are read, at every ms; a payload comes and goes between kicks."""
     closed, pymunk = robots(BRAKED, START, start_ns=-MS)
     for _ in zip(act(closed), act(pymunk), strict=True):
         assert apart(closed, pymunk) <= 1e-6
@@ -219,6 +218,17 @@ def test_an_arm_that_it_cannot_carry_is_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         Robot(replace(DIRECT, **changes), START, backend="pymunk")
     Robot(replace(DIRECT, **changes), START)
+
+
+def test_impulses_that_are_not_found_end_the_run(monkeypatch, random_arm):
+    """Six joints and 50 kg on the hand: 30 iterations are too few."""
+    none = (0.0,) * 6
+    arm = replace(random_arm(6, 3), coulomb_Nm=none, viscosity_Nms=none, brake_torque_Nm=none, rotor_inertia_kgm2=none)
+    start = (-1.3, 0.2, -0.2, 0.2, -0.2, 0.2)
+    Robot(arm, start, payload_kg=50.0, backend="pymunk").advance_to(MS)
+    monkeypatch.setattr(pymunk_links, "ITERATIONS", 30)
+    with pytest.raises(ArithmeticError, match=r"the joints stand open by .* m in sum, .*: 30 iterations do not find"):
+        Robot(arm, start, payload_kg=50.0, backend="pymunk").advance_to(MS)
 
 
 def test_a_backend_that_is_not_there_is_refused():
