@@ -47,6 +47,18 @@ def test_an_arm_that_falls_falls_in_both_the_same_way() -> None:
     assert found.angle.size <= 1e-6
 
 
+def test_loads_torques_from_outside_and_ripple_act_alike() -> None:
+    """A load that comes and goes within a step, and currents at the odd instants at which their frames end."""
+    found = compared(
+        "duration_s=0.3",
+        "load=[{mass_kg=0.5, at_s=0.0300333, until_s=0.2}]",
+        "torque=[{joint=2, amplitude_N_m=0.5, frequency_rad_s=50.0, at_s=0.05, until_s=0.25}]",
+        "drive.ripple=[0.02, 0.02, 0.02]",
+    )
+    assert found.backends.angle_before.size <= 1e-6
+    assert found.backends.angle_before.cycle >= 50
+
+
 def test_the_nominal_inertia_of_direct_drive_is_the_least_over_the_workspace() -> None:
     scenario = scenario_file.load("direct-drive")
     least = nominal_inertia(arm_parameters(scenario, load_arm()))

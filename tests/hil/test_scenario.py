@@ -19,8 +19,9 @@ from plant.nominal import nominal_inertia
 from plant.parameters import DEFAULT_ARM
 
 
-def test_the_built_in_scenarios_are_those_of_the_paper_and_arms_of_other_joints() -> None:
+def test_the_built_in_scenarios_are_those_of_the_paper_and_other_arms() -> None:
     assert scenario_file.builtin_names() == [
+        "direct-drive",
         "five-joints",
         "load-step",
         "one-joint",
