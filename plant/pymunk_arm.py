@@ -138,8 +138,7 @@ class PymunkArm:
         columns = zip(self._constants(), self._charge, self._push, self._parameters.viscosity_Nms, now, strict=True)
         torque = [(K * charge + push) / step_s - share * D * w for K, charge, push, D, w in columns]
         links.step(tuple(torque), share)
-        # before the first step the speed is that of the start: what came half a step before it mirrors what comes after
-        self._rates_before = rates if self._begun else _extrapolated(rates, links.rates)
+        self._rates_before = rates
         self._begun = True
         self._start_kick(-0.5 * step_s)
 
@@ -185,7 +184,3 @@ class PymunkArm:
         """Compile the closed form's functions that every run needs."""
         self._closed.balance()
         self._body.acceleration(self.q, self.w, self.w)
-
-
-def _extrapolated(middle: Vector, after: Vector) -> Vector:
-    return tuple([2.0 * m - a for m, a in zip(middle, after, strict=True)])

@@ -189,6 +189,7 @@ def test_brakes_hold_it_where_it_starts_and_after_the_run():
     for robot in (closed, pymunk):
         robot.advance_to(0)
         assert (robot.q, robot.counts()) == (START, (0, 0, 0))
+        robot.set_external_torque(1, 5.0, 50 * MS)
         robot.engage_brakes(100 * MS)
         robot.advance_to(400 * MS)
     assert pymunk.brake_states == ("engaged",) * 3
