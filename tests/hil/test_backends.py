@@ -25,11 +25,10 @@ def compared(*settings: str) -> BackendComparison:
 
 
 def test_in_a_closed_loop_frames_are_equal_until_an_edge_falls_between_two_angles() -> None:
-    """7.7e-6 rad are a count; pymunk is 1e-7 rad off by then, and no backend is needed for what comes after."""
+    """7.7e-6 rad are a count; pymunk is 1e-7 rad off by then; what comes after needs no second backend."""
     found = compared()
     assert found.backends.cycles == 1500
     assert found.backends.angle_before.size <= 1e-6
-    assert found.backends.first is None or found.backends.first.cycle >= 50
     assert found.backends.counts.size <= 2 * found.control.counts.size
     assert found.backends.angle.size <= 2 * found.control.angle.size
 
@@ -56,7 +55,7 @@ def test_loads_torques_from_outside_and_ripple_act_alike() -> None:
         "drive.ripple=[0.02, 0.02, 0.02]",
     )
     assert found.backends.angle_before.size <= 1e-6
-    assert found.backends.angle_before.cycle >= 50
+    assert found.backends.angle.size <= 2 * found.control.angle.size
 
 
 def test_the_nominal_inertia_of_direct_drive_is_the_least_over_the_workspace() -> None:
