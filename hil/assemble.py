@@ -19,7 +19,8 @@ from firmware_py.words import Words
 from hil import constants
 from hil.errors import ScenarioError, failed
 from hil.node import Node
-from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario, to_ns
+from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario
+from hil.scenario_parts import to_ns
 from plant.external import ExternalTorque
 from plant.node import Plant
 from plant.parameters import ArmParameters

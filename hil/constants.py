@@ -9,7 +9,8 @@ from math import pi
 from dbc.codec import Codec
 from firmware_py.dsp.cpu import ACCEL_REFS, JOINTS_A_FRAME
 from hil.errors import ScenarioError
-from hil.scenario import Scenario, to_ns
+from hil.scenario import Scenario
+from hil.scenario_parts import to_ns
 from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
 
 WORD_MAX = 32767

@@ -13,7 +13,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import ScenarioError
-from hil.scenario import Model, Scenario, to_ns
+from hil.scenario import Model, Scenario
+from hil.scenario_parts import to_ns
 from hil.wire.fault import check_faults
 from hil.wire.rates import bit_time_refusal
 from plant.parameters import MAX_JOINTS
