@@ -12,17 +12,17 @@ from hil.paper.report import Claim, Folder, Section, Table
 from hil.paper.table1 import AS_READ, DIFFERENCE, newton_euler_ledger, observer_steps, table_1
 
 TABLE1_TEXT = (
-    "Counted on running code: the observer's step in 16-bit words, in every cycle of a run; and the recursive "
-    "Newton-Euler dynamics of a general arm, as Luh, Walker and Paul print it, against MuJoCo in the tests. The paper "
-    "gives totals alone; the lines beside ours are one reading that yields exactly its 132 n and 111 n. An arm whose "
-    "zeros are known takes less: the planar one's dynamics, as the DSP computes them below, are counted, too."
+    "Counted on running code: the observer's step in 16-bit words, in every cycle of a run; and the recursive Newton-"
+    "Euler dynamics of a general arm, as Luh, Walker and Paul print it, against MuJoCo in the tests. The paper gives "
+    "totals alone; the lines beside ours are one reading that yields exactly its 132 n and 111 n. An arm whose zeros "
+    "are known takes less: the planar one's dynamics, as the DSP computes them below, are counted, too."
 )
 RIVALS_TEXT = (
     "Computed torque on the same arm, joints, wire and gains: the DSP sends torques of its model of the arm, and the "
     "joints' observers are off. All parameters of the model, or Jn of the observer, are wrong by 20 %, or the hand "
-    "holds 2 kg. With an exact model computed torque starts better, since it knows of gravity before it is felt. What "
-    "is left to it is the delay of its torques (1.5 ms times the commanded jerk over K2: 22 urad at both ends of the "
-    "motion), and friction at rest, whose direction nobody knows."
+    "holds 2 kg. With an exact model computed torque starts better, since it knows of gravity before it is felt. What"
+    " is left to it is the delay of its torques (1.5 ms times the commanded jerk over K2: 22 urad at both ends of the"
+    " motion), and friction at rest, whose direction nobody knows."
 )
 
 
