@@ -4,6 +4,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
@@ -21,10 +22,14 @@ from hil.errors import ScenarioError, failed
 from hil.node import Node
 from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario
 from hil.scenario_parts import to_ns
+from plant.contact import Compliance
 from plant.external import ExternalTorque
 from plant.node import Plant
 from plant.parameters import ArmParameters
 from plant.robot import Robot
+
+if TYPE_CHECKING:
+    from plant.world import World
 
 DSP_NUMBER = 7
 """Number of the DSP in the names of its State and Heartbeat frames; the plant's is 0, a joint's its own."""
@@ -100,15 +105,37 @@ def build_plant(scenario: Scenario, codec: Codec, compiled: bool = False) -> Pla
     max_step_ns = min(scenario.period_ns, 1_000_000)
     arm = arm_parameters(scenario, codec)
     backend = scenario.plant.backend
+    world = build_world(scenario) if scenario.has_world else None
     try:
-        robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=compiled, backend=backend)
+        robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=compiled, backend=backend, world=world)
     except ValueError as error:
         raise ScenarioError(f"plant.backend = {backend!r}: {error}") from None
     if compiled:
         robot.prepare()
     delays = constants.action_delays_ns(scenario)
     status, period_ns = _status(scenario, codec, 0), scenario.period_ns
-    return Plant(robot, codec, status, period_ns, delays, payloads(scenario), external_torques(scenario))
+    grasps = [(to_ns(grasp.at_s), to_ns(grasp.until_s)) for grasp in scenario.grasp]
+    return Plant(robot, codec, status, period_ns, delays, payloads(scenario), external_torques(scenario), grasps)
+
+
+def build_world(scenario: Scenario) -> "World":
+    """Return what the arm may touch and grasp; only here pymunk is imported."""
+    from plant.world import Box, Payload, Wall, World
+
+    walls = [
+        Wall(
+            wall.point_m,
+            wall.normal,
+            Compliance(wall.stiffness_N_m, wall.damping_N_s_m, wall.friction, wall.sliding_speed_m_s),
+        )
+        for wall in scenario.wall
+    ]
+    box = None
+    if (part := scenario.box) is not None:
+        compliance = Compliance(part.stiffness_N_m, part.damping_N_s_m, part.tip_friction, part.sliding_speed_m_s)
+        box = Box(part.position_m, part.size_m, part.mass_kg, part.friction, compliance)
+    lying = [Payload(each.position_m, each.size_m, each.mass_kg, each.friction) for each in scenario.grasp]
+    return World(walls, box, lying, scenario.arm.gravity_m_s2)
 
 
 def external_torques(scenario: Scenario) -> list[ExternalTorque]:

@@ -102,6 +102,7 @@ def run(
     from hil import experiment, record, scenario_file, show
     from hil.processes import run_processes
     from hil.rig import run_inline
+    from hil.warn import warnings
 
     chosen = scenario_file.load(scenario, settings)
     if inline and pace is not None:
@@ -112,6 +113,8 @@ def run(
         record.check_new(out)
     age_s = _age_s()
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, notice):
+        for text in warnings(chosen):
+            notice(f"warning: {text}")
         if inline:
             outcome = run_inline(chosen, step)
         else:

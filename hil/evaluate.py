@@ -6,7 +6,7 @@ Arrays have one row a cycle and, where a name says so, one column a joint (rad) 
 Ref: the paper's eqs. (3)-(4), figs. 15 and 16.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,8 @@ class Evaluation:
     """The signals of one run, one row a cycle.
 
     q_cmd, w_cmd: joint commands; q, w: truth; x, v: tip (x, y) of both; a_ref, i_ref, estimate: what was on the bus
-    (NaN where a frame is missing); disturbance: the terms of (4), N m; current: A.
+    (NaN where a frame is missing); disturbance: the terms of (4), N m; current: A; world: what the plant recorded of
+    contacts and bodies, by column, empty without a world.
     """
 
     scenario: Scenario
@@ -50,6 +51,7 @@ class Evaluation:
     current: Array
     estimate: Array
     disturbance: DisturbanceTerms
+    world: dict[str, Array] = field(default_factory=dict)
 
     @property
     def deviation(self) -> Array:
@@ -89,17 +91,19 @@ def evaluate(outcome: Outcome) -> Evaluation | None:
         current=truth["current_A"],
         estimate=bus["estimate"] * np.array(scenario.joint.torque_constant_N_m_A),
         disturbance=_disturbance(scenario, codec, truth),
+        world={name: values for name, values in truth.items() if values.ndim == 1 and name != "payload_kg"},
     )
 
 
 def _truth(outcome: Outcome) -> dict[str, Array]:
-    """Return what the plant recorded, (K, n) for each name with one value a joint, payload_kg (K)."""
+    """Return what the plant recorded: (K, n) for each name with one value a joint, (K,) for the others."""
     report = outcome.reports["plant"]
     joints = outcome.scenario.joints
     rows = np.array(report["rows"], dtype=float).reshape(-1, len(report["columns"]))[: outcome.scenario.cycles]
     names = [column.removesuffix("_1") for column in report["columns"] if column.endswith("_1")]
     truth = {name: rows[:, k * joints : (k + 1) * joints] for k, name in enumerate(names)}
-    return truth | {"payload_kg": rows[:, -1]}
+    first = len(names) * joints
+    return truth | {name: rows[:, first + k] for k, name in enumerate(report["columns"][first:])}
 
 
 def _disturbance(scenario: Scenario, codec: Codec, truth: dict[str, Array]) -> DisturbanceTerms:

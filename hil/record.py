@@ -110,7 +110,7 @@ def signal_columns(evaluation: Evaluation) -> dict[str, Any]:
     }
     for name, values in by_axis.items():
         columns |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xy")}
-    return columns
+    return columns | evaluation.world
 
 
 def to_toml(scenario: Scenario) -> str:

@@ -22,6 +22,7 @@ from hil.scenario_parts import (
     Way,
     to_ns,
 )
+from hil.scenario_world import Box, Grasp, Wall
 from hil.wire.fault import Fault
 
 
@@ -221,12 +222,20 @@ class Scenario(Part):
     trajectory: Annotated[QuinticMove | CircleMove | LineMove | PathMove, Field(discriminator="kind")]
     load: tuple[Load, ...] = ()
     torque: tuple[Torque, ...] = ()
+    wall: tuple[Wall, ...] = ()
+    box: Box | None = None
+    grasp: tuple[Grasp, ...] = ()
     wire: Wire = Wire()
 
     @property
     def joints(self) -> int:
         """Number of joints."""
         return len(self.start_rad)
+
+    @property
+    def has_world(self) -> bool:
+        """Whether there is anything to touch or to grasp."""
+        return bool(self.wall or self.box or self.grasp)
 
     @property
     def in_task_space(self) -> bool:

@@ -17,6 +17,7 @@ from hil.scenario import Model, Scenario
 from hil.scenario_parts import to_ns
 from hil.wire.fault import check_faults
 from hil.wire.rates import bit_time_refusal
+from hil.world_check import check_world
 from plant.parameters import MAX_JOINTS
 
 TASK_JOINTS = 3
@@ -139,6 +140,7 @@ def check(scenario: Scenario) -> None:
     _check_spaces(scenario)
     _check_torques(scenario)
     _check_law(scenario)
+    check_world(scenario)
     if 0.0 < scenario.drive.lag_s < SHORTEST_LAG_S:
         raise ScenarioError(f"drive.lag_s = {scenario.drive.lag_s}: 0 (none), or {SHORTEST_LAG_S} s and more")
     for load in scenario.load:

@@ -38,6 +38,8 @@ def result(found: Result, folder: Path | None) -> None:
     if found.evaluation is not None:
         console.print(_joints(summary))
         console.print(_task(summary))
+    for line in _world(summary):
+        console.print(line, soft_wrap=True)
     for key in ("lost_frames_by_cause", "deadline_misses_by_cause", "saturations_by_signal"):
         causes = ", ".join(f"{cause}: {count}" for cause, count in summary[key].items() if count)
         if causes:
@@ -126,6 +128,23 @@ def _task(summary: dict[str, Any]) -> Table:
             cells.append(f"{run['max_position_deviation_m'][k] * 1000:.3f}")
         table.add_row(axis, *cells)
     return table
+
+
+def _world(summary: dict[str, Any]) -> Iterator[str]:
+    """Yield what happened between the hand and the world."""
+    for name, contact in summary.get("contact", {}).items():
+        if contact["largest_normal_N"] > 0.0:
+            yield (
+                f"{name}: largest contact force {contact['largest_normal_N']:.2f} N "
+                f"(friction {contact['largest_tangential_N']:.2f} N), final {contact['final_normal_N']:.3f} N "
+                f"at {contact['final_depth_m'] * 1000:.4f} mm, within {contact['final_span_N']:.2g} N"
+            )
+    for name, body in summary.get("bodies", {}).items():
+        moves = zip(body["start_m_m_rad"], body["final_m_m_rad"], strict=True)
+        x, y, angle = (last - first for first, last in moves)
+        yield f"{name}: moved by ({x * 1000:.2f}, {y * 1000:.2f}) mm, turned by {angle:.3f} rad"
+    if summary.get("missed_grasps"):
+        yield f"missed grasps: {summary['missed_grasps']}: the hand closed where no payload was"
 
 
 def bus_status(channel: str, status: dict[str, Any]) -> None:

@@ -62,6 +62,7 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "saturations_by_signal": {name: count for name, count in _saturations(outcome).items() if count},
         "faults": faults(outcome),
         **({} if evaluation is None else deviations(evaluation)),
+        **({} if evaluation is None or not scenario.has_world else world(outcome, evaluation)),
         "processes": {name: report["process"] for name, report in outcome.reports.items() if "process" in report},
         "platform": f"Python {platform.python_version()}, {' '.join(platform.libc_ver())}, {platform.machine()}",
     }
@@ -91,6 +92,35 @@ def deviations(evaluation: Evaluation) -> dict[str, Any]:
         "max_velocity_deviation_m_s": _largest(evaluation.v_cmd - evaluation.v),
         "max_position_deviation_m": _largest(evaluation.x_cmd - evaluation.x),
     }
+
+
+def world(outcome: Outcome, evaluation: Evaluation) -> dict[str, Any]:
+    """Return what the tip felt of every surface it touched, where every body went, and how many grasps missed."""
+    recorded = evaluation.world
+    surfaces = [name.removesuffix("_depth_m") for name in recorded if name.endswith("_depth_m")]
+    bodies = [name.removesuffix("_x_m") for name in recorded if name.endswith("_x_m")]
+    return {
+        "contact": {name: _contact(recorded, name, evaluation.final_rows) for name in surfaces},
+        "bodies": {name: _moved(recorded, name) for name in bodies},
+        "missed_grasps": outcome.reports["plant"]["missed_grasps"],
+    }
+
+
+def _contact(recorded: dict[str, Array], name: str, final: slice) -> dict[str, float]:
+    """Return the largest forces, and force, its span and depth of the last 100 ms."""
+    normal, tangential = recorded[f"{name}_normal_N"], recorded[f"{name}_tangential_N"]
+    return {
+        "largest_normal_N": float(np.max(normal)),
+        "largest_tangential_N": float(np.max(np.abs(tangential))),
+        "final_normal_N": float(np.mean(normal[final])),
+        "final_span_N": float(np.ptp(normal[final])),
+        "final_depth_m": float(np.mean(recorded[f"{name}_depth_m"][final])),
+    }
+
+
+def _moved(recorded: dict[str, Array], name: str) -> dict[str, list[float]]:
+    columns = [recorded[f"{name}_{what}"] for what in ("x_m", "y_m", "angle_rad")]
+    return {"start_m_m_rad": [float(c[0]) for c in columns], "final_m_m_rad": [float(c[-1]) for c in columns]}
 
 
 def faults(outcome: Outcome) -> list[dict[str, Any]]:

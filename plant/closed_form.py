@@ -12,9 +12,8 @@ The text uses floats, tuples, sin and cos alone, so Numba compiles it too. Units
 
 from functools import cache
 
+from plant.contact import Lines, contact_lines
 from plant.parameters import ArmParameters, check_payload
-
-Lines = list[str]
 
 
 def constants(parameters: ArmParameters, payload_kg: float) -> dict[str, float]:
@@ -134,12 +133,27 @@ def acceleration_text(n: int, free: tuple[int, ...]) -> str:
 
 
 @cache
-def balance_text(n: int, free: tuple[int, ...], ripple: bool) -> str:
-    """Return the text of balance(q, w, current, e) -> (q", what holds the joints that are not free, else 0.0)."""
-    body = [*unpack_lines(n, q="q", w="w", i="current", e="e"), *driving_lines(tuple(range(1, n + 1)), ripple)]
-    body += acceleration_lines(n, free)
+def balance_text(n: int, free: tuple[int, ...], ripple: bool, surfaces: int = 0) -> str:
+    """Return the text of balance(q, w, current, e) -> (q", what holds the joints that are not free, else 0.0).
+
+    With surfaces near the tip they are a further argument.
+    """
+    joints = tuple(range(1, n + 1))
+    body = [*unpack_lines(n, q="q", w="w", i="current", e="e"), *driving_lines(joints, ripple)]
+    body += [*contact_lines(n, joints, surfaces, ""), *acceleration_lines(n, free)]
     held = "".join("0.0, " if i in free else f"f{i} - ({_row(i, free)}b{i}), " for i in range(1, n + 1))
-    return function_text("balance(q, w, current, e)", [*body, f"return ({_of_free(n, free)}), ({held})"])
+    signature = f"balance(q, w, current, e{', surfaces' if surfaces else ''})"
+    return function_text(signature, [*body, f"return ({_of_free(n, free)}), ({held})"])
+
+
+@cache
+def touch_text(n: int, surfaces: int) -> str:
+    """Return the text of touch(q, w, surfaces) -> (joint torques of the contact, (depth, F_n, F_t) of each surface)."""
+    joints = tuple(range(1, n + 1))
+    body = [*unpack_lines(n, q="q", w="w"), *(f"f{i} = 0.0" for i in joints)]
+    body += contact_lines(n, joints, surfaces, "")
+    touches = " ".join(f"(max(0.0, -gap{k}), push{k}, rub{k})," for k in range(surfaces))
+    return function_text("touch(q, w, surfaces)", [*body, f"return ({each(n, 'f{i}')}), ({touches})"])
 
 
 def _row(i: int, joints: tuple[int, ...]) -> str:

@@ -35,6 +35,25 @@ def tip_velocity(parameters: ArmParameters, q: Vector, w: Vector) -> Planar:
     return vx, vy, speed
 
 
+def tip_jacobian(parameters: ArmParameters, q: Vector) -> tuple[Vector, Vector]:
+    """Return the rows of Jac at q for x and y: the tip's velocity (m/s) by each joint's speed (rad/s)."""
+    points = joint_points(parameters.length_m, q)
+    x, y = points[-1]
+    return tuple([joint_y - y for _, joint_y in points[:-1]]), tuple([x - joint_x for joint_x, _ in points[:-1]])
+
+
+def joint_points(length_m: Vector, q: Vector) -> list[tuple[float, float]]:
+    """Return (x, y) of every joint and of the tip at q, for links of length_m; joint 1 is the origin."""
+    x = y = phi = 0.0
+    points = [(x, y)]
+    for length, angle in zip(length_m, q, strict=True):
+        phi += angle
+        x += length * cos(phi)
+        y += length * sin(phi)
+        points.append((x, y))
+    return points
+
+
 def tips(parameters: ArmParameters, q: Array) -> Array:
     """Return (x, y, phi) as (K, 3) at q (K, n)."""
     theta = np.cumsum(q, axis=1)

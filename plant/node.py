@@ -6,10 +6,12 @@ engage by Stop.
 """
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 from dbc.codec import Codec
 from dbc.status import Status
+from plant.contact import Touch
 from plant.external import ExternalTorque, changes
 from plant.robot import Robot
 
@@ -24,6 +26,7 @@ class Plant:
 
     payloads: (mass on the hand in kg, from ns on); action_delay_ns: for each joint, the least time
     after its cycle's start at which a current acts (0 where the bus itself takes time). torques: from outside.
+    grasps: (when the hand closes, when it opens), ns, for each payload of the robot's world.
     """
 
     name = "plant"
@@ -38,6 +41,7 @@ class Plant:
         action_delay_ns: Sequence[int],
         payloads: Sequence[tuple[float, int]] = (),
         torques: Sequence[ExternalTorque] = (),
+        grasps: Sequence[tuple[int, int]] = (),
     ) -> None:
         self.torques = torques
         self.robot = robot
@@ -64,6 +68,9 @@ class Plant:
         self.rows: list[tuple[float, ...]] = []
         for mass_kg, at_ns in payloads:
             robot.set_payload(mass_kg, at_ns)
+        for payload, (closes_ns, opens_ns) in enumerate(grasps, start=1):
+            robot.grasp(payload, closes_ns)
+            robot.drop(payload, opens_ns)
 
     def on_start(self, now_ns: int) -> Reaction:
         """Begin at the next multiple of the period."""
@@ -142,21 +149,37 @@ class Plant:
                 *friction,
                 *robot.external_Nm,
                 robot.payload_kg,
+                *self._record_world(),
             )
         )
+
+    def _record_world(self) -> list[float]:
+        """Return how the tip meets every surface, and where every body is, in the order of `_world_columns`."""
+        encounter = self.robot.encounter
+        if encounter is None:
+            return []
+        return [*chain(*encounter.touches().values(), *encounter.places().values())]
+
+    def _world_columns(self) -> list[str]:
+        encounter = self.robot.encounter
+        if encounter is None:
+            return []
+        touches = [f"{name}_{field}" for name in encounter.world.surfaces for field in Touch._fields]
+        return touches + [f"{name}_{what}" for name in encounter.world.bodies for what in ("x_m", "y_m", "angle_rad")]
 
     def report(self) -> dict[str, Any]:
         """Counters by cause, and the truth at kT, a row a cycle from 0 on."""
         names = ("q_rad", "w_rad_s", "a_rad_s2", "current_A", "friction_Nm", "external_Nm")
         joints = range(1, len(self.encoders) + 1)
-        columns = [f"{name}_{n}" for name in names for n in joints] + ["payload_kg"]
+        columns = [f"{name}_{n}" for name in names for n in joints]
         return {
             "fault": "",
             "skipped_status": self.status.skipped,
             "crc_errors": self.crc_errors,
             "late_currents": self.late_currents,
             "missed_currents": {f"joint{n}": self.missed_currents[n - 1] for n in joints},
+            **({} if self.robot.encounter is None else {"missed_grasps": self.robot.missed_grasps}),
             "saturations": {f"amplifier joint{n}": self.robot.saturations[n - 1] for n in joints},
-            "columns": columns,
+            "columns": [*columns, "payload_kg", *self._world_columns()],
             "rows": self.rows,
         }

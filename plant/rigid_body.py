@@ -10,8 +10,9 @@ from functools import cache
 from math import cos, sin
 from typing import Any
 
-from plant.closed_form import acceleration_text, balance_text, constants, inverse_dynamics_text, terms_text
+from plant.closed_form import acceleration_text, balance_text, constants, inverse_dynamics_text, terms_text, touch_text
 from plant.compiled import machine_code
+from plant.contact import Surface
 from plant.parameters import ArmParameters, Vector
 from plant.rk4 import glide_text, step_text
 
@@ -21,6 +22,12 @@ Terms = tuple[tuple[Vector, ...], Vector, Vector]
 Step = Callable[[float, Vector, Vector, Vector, Vector, Vector, Vector, tuple[int, ...]], tuple[Vector, Vector, bool]]
 Glide = Callable[[list[float], Vector, Vector, Vector, tuple[int, ...]], tuple[int, Vector, Vector, Vector]]
 Balance = Callable[[Vector, Vector, Vector, Vector], tuple[Vector, Vector]]
+Surfaces = tuple[Surface, ...]
+TouchingStep = Callable[
+    [float, Vector, Vector, Vector, Vector, Vector, Vector, tuple[int, ...], Surfaces], tuple[Vector, Vector, bool]
+]
+TouchingBalance = Callable[[Vector, Vector, Vector, Vector, Surfaces], tuple[Vector, Vector]]
+Touched = Callable[[Vector, Vector, Surfaces], tuple[Vector, tuple[tuple[float, float, float], ...]]]
 
 
 class RigidBody:
@@ -45,6 +52,7 @@ class RigidBody:
         self._balances: dict[Joints, Balance] = {}
         self._steps: dict[tuple[Joints, Joints], Step] = {}
         self._glides: dict[Joints, Glide] = {}
+        self._touching: dict[str, Any] = {}
         self.terms = self._bind("terms", terms_text(self._n))
         self.inverse_dynamics = self._bind("inverse_dynamics", inverse_dynamics_text(self._n))
         self.all_joints = tuple(range(1, self._n + 1))
@@ -77,6 +85,29 @@ class RigidBody:
             code = machine_code("glide", with_constants, self._values.values()) if self._compiled else None
             self._glides[watched] = self._bind("glide", text) if code is None else code
         return self._glides[watched]
+
+    def touching_step(self, free: Joints, watched: Joints, surfaces: int) -> TouchingStep:
+        """Return the Runge-Kutta step with that many surfaces near the tip, a further argument."""
+        function: TouchingStep = self._bind_near("step", step_text(self._n, free, watched, self._ripple, surfaces))
+        return function
+
+    def touching_balance(self, free: Joints, surfaces: int) -> TouchingBalance:
+        """Return `balance` with that many surfaces near the tip, a further argument."""
+        function: TouchingBalance = self._bind_near("balance", balance_text(self._n, free, self._ripple, surfaces))
+        return function
+
+    def touch(self, surfaces: int) -> Touched:
+        """Return (q, w, surfaces) -> (joint torques of the contact, (depth, F_n, F_t) of each): `contact`."""
+        function: Touched = self._bind_near("touch", touch_text(self._n, surfaces))
+        return function
+
+    def _bind_near(self, name: str, text: str) -> Any:
+        """Bind in the links' lengths too, which only contact needs."""
+        if text not in self._touching:
+            lengths = {f"l{i}": length for i, length in enumerate(self.parameters.length_m, start=1)}
+            values = self._values | lengths
+            self._touching[text] = _maker(name, text, tuple(values))(*values.values())
+        return self._touching[text]
 
     def _bind(self, name: str, text: str) -> Any:
         return _maker(name, text, tuple(self._values))(*self._values.values())

@@ -9,22 +9,26 @@ Units: SI. Ref: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations
 
 from functools import cache
 
-from plant.closed_form import Lines, acceleration_lines, driving_lines, each, function_text, indented, unpack_lines
+from plant.closed_form import acceleration_lines, driving_lines, each, function_text, indented, unpack_lines
+from plant.contact import Lines, contact_lines
+
+_MOMENTS = ("", "half", "half", "h")  # of the four stages, after the step's start
 
 
 @cache
-def step_text(n: int, free: tuple[int, ...], watched: tuple[int, ...], ripple: bool) -> str:
+def step_text(n: int, free: tuple[int, ...], watched: tuple[int, ...], ripple: bool, surfaces: int = 0) -> str:
     """Return the text of step(h, q, w, start, middle, end, e, modes) -> (q, w, calm) for the free joints.
 
     calm says of every watched joint that it moves in the direction of its mode (+1, -1) when the step ends, and that
     the acceleration at the start would not have turned it around (if that is so, it may have turned twice).
+    With surfaces near the tip, where they are at the start is a further argument.
     """
     start, middle, end = (unpack_lines(n, i=current) for current in ("start", "middle", "end"))
     body = unpack_lines(n, q="q", w="w", e="e", s="modes")
-    body += _step_lines(n, free, ripple, (start, middle, [], end))
+    body += _step_lines(n, free, ripple, (start, middle, [], end), surfaces)
     calm = " and ".join(_calm(watched)) or "True"
     body += [f"return ({each(n, 'q{i}')}), ({each(n, 'w{i}')}), {calm}"]
-    return function_text("step(h, q, w, start, middle, end, e, modes)", body)
+    return function_text(f"step(h, q, w, start, middle, end, e, modes{', surfaces' if surfaces else ''})", body)
 
 
 @cache
@@ -47,13 +51,16 @@ def glide_text(n: int, watched: tuple[int, ...], ripple: bool) -> str:
     return function_text("glide(legs, q, w, e, modes)", body)
 
 
-def _step_lines(n: int, free: tuple[int, ...], ripple: bool, currents: tuple[Lines, Lines, Lines, Lines]) -> Lines:
+def _step_lines(
+    n: int, free: tuple[int, ...], ripple: bool, currents: tuple[Lines, Lines, Lines, Lines], surfaces: int = 0
+) -> Lines:
     """Carry q_i, w_i of the free joints over h; Q_i, W_i is where they were; currents: what sets i_i before a stage."""
     body = ["half = 0.5 * h", *(f"Q{i} = q{i}; W{i} = w{i}" for i in free)]
     for stage, current in enumerate(currents, start=1):
         body += _stage_lines(free, stage) if stage > 1 else []
         body += current
-        body += driving_lines(free, ripple) if ripple or current or stage == 1 else []
+        body += driving_lines(free, ripple) if ripple or current or stage == 1 or surfaces else []
+        body += contact_lines(n, free, surfaces, _MOMENTS[stage - 1])
         body += acceleration_lines(n, free)
         body += [f"a{stage}_{i} = x{i}" for i in free] if stage < 4 else []
     return body + _end_lines(free)

@@ -1,7 +1,7 @@
-"""The whole robot: arm, drives, brakes, encoders, payload, moved from instant to instant of the bench's time.
+"""The whole robot: arm, drives, brakes, encoders, payload, world, moved from instant to instant of the bench's time.
 
 Units: integer ns, rad, A, N m, kg; joints are numbered from 1 as on the bus, tuples have one entry a joint.
-Ref: eq. (1); ARCHITECTURE.md, "Time". Not modelled: contact, sensors other than encoders, joint limits.
+Ref: eq. (1); ARCHITECTURE.md, "Time". Not modelled: sensors other than encoders, joint limits.
 What is set at an instant acts from exactly then on: the integration stops there. What is read shows the instant after.
 The same calls with the same times give the same bits; other stops in between change the steps, and so the last digits.
 """
@@ -9,13 +9,18 @@ The same calls with the same times give the same bits; other stops in between ch
 from collections.abc import Callable
 from heapq import heappop, heappush
 from math import isfinite
+from typing import TYPE_CHECKING
 
 from plant.brake import Brake
 from plant.drive import Amplifiers
 from plant.encoder import Encoder
+from plant.encounter import encounter_of
 from plant.motion import motion_of
 from plant.parameters import ArmParameters, Vector, check_payload
 from plant.rigid_body import RigidBody
+
+if TYPE_CHECKING:
+    from plant.world import World
 
 MS = 1_000_000
 
@@ -24,7 +29,7 @@ class Robot:
     """An arm at rest in its start pose, brakes engaged, at start_ns; ValueError if the pose or a step does not fit.
 
     compiled: faster where Numba is installed, to the same bits; it costs half a second once in a process.
-    backend: what computes the motion (`motion`).
+    backend: what computes the motion (`motion`). world: what the tip may touch and grasp, at rest.
     """
 
     def __init__(
@@ -36,6 +41,7 @@ class Robot:
         payload_kg: float = 0.0,
         compiled: bool = False,
         backend: str = "closed",
+        world: "World | None" = None,
     ) -> None:
         if len(start_rad) != parameters.joints or not all(isfinite(q) for q in start_rad):
             raise ValueError(
@@ -47,6 +53,9 @@ class Robot:
         self._joints = parameters.joints
         self.now_ns = start_ns
         self.payload_kg = payload_kg
+        self._load_kg = payload_kg
+        self.missed_grasps = 0
+        """Times that the hand closed where no payload was."""
         # at a fourth of the lag the effect of a current's exponential is off by (1/4)^4 / 2880 = 1.4e-6 (Simpson)
         lag_ns = round(parameters.amplifier_lag_s * 1e9)
         self._max_step_ns = min(max_step_ns, max(1, lag_ns // 4)) if lag_ns else max_step_ns
@@ -61,6 +70,10 @@ class Robot:
         self._motion = motion_of(backend, body, self._amplifiers, start, self._max_step_ns)
         self._events: list[tuple[int, int, Callable[..., None], tuple[float, ...]]] = []
         self._sequence = 0
+        self.encounter = encounter_of(world, self._motion, body, self._max_step_ns * 1e-9)
+        """The arm in its world; None without one."""
+        self._advance = self._motion.advance if self.encounter is None else self.encounter.advance
+        self._arrive = self._motion.arrive if self.encounter is None else self.encounter.meet
         self._friction_changed()
 
     def advance_to(self, t_ns: int) -> None:
@@ -73,7 +86,7 @@ class Robot:
             self._integrate_to(at_ns)
             act(*arguments)
         self._integrate_to(t_ns)
-        self._motion.arrive()
+        self._arrive()
 
     def prepare(self) -> None:
         """Compile now what is otherwise compiled at the first use (10 ms for 3 joints, 0.5 s for 6): for real time."""
@@ -91,7 +104,15 @@ class Robot:
     def set_payload(self, mass_kg: float, at_ns: int) -> None:
         """Hold a point mass at the tip instead of the one before; it is put on moving with the hand, so speeds stay."""
         check_payload(mass_kg)
-        self._at(at_ns, self._take, mass_kg)
+        self._at(at_ns, self._load, mass_kg)
+
+    def grasp(self, payload: int, at_ns: int) -> None:
+        """Close the hand on a payload of the world (from 1): if it is there, the arm holds it as a point mass."""
+        self._at(at_ns, self._grasp, self._payload_index(payload))
+
+    def drop(self, payload: int, at_ns: int) -> None:
+        """Open the hand: a payload that it holds (from 1) falls from where it is."""
+        self._at(at_ns, self._drop, self._payload_index(payload))
 
     def set_external_torque(self, joint: int, torque_Nm: float, at_ns: int) -> None:
         """Set the torque from outside on a joint, towards larger q if positive: -r of eq. (1)."""
@@ -129,8 +150,10 @@ class Robot:
 
     @property
     def external_Nm(self) -> Vector:
-        """Torques from outside [N m]."""
-        return self._external
+        """Torques from outside [N m], contact with the world included."""
+        if self.encounter is None:
+            return self._external
+        return tuple([x + r for x, r in zip(self._external, self.encounter.torque(), strict=True)])
 
     @property
     def saturations(self) -> tuple[int, ...]:
@@ -164,12 +187,12 @@ class Robot:
         span_ns = t_ns - self.now_ns
         if span_ns <= self._max_step_ns:
             if span_ns:
-                self._motion.advance(span_ns * 1e-9)
+                self._advance(span_ns * 1e-9)
         else:
             parts = -(-span_ns // self._max_step_ns)
             span_s = span_ns * 1e-9 / parts
             for _ in range(parts):
-                self._motion.advance(span_s)
+                self._advance(span_s)
         self.now_ns = t_ns
 
     def _at(self, at_ns: int, act: Callable[..., None], *arguments: float) -> None:
@@ -186,9 +209,32 @@ class Robot:
             raise ValueError(f"joint {joint}: the arm has joints 1 to {self._joints}")
         return joint - 1
 
-    def _take(self, mass_kg: float) -> None:
-        self.payload_kg = mass_kg
-        self._motion.change(body=RigidBody(self.parameters, mass_kg, self._compiled))
+    def _payload_index(self, payload: int) -> int:
+        lying = 0 if self.encounter is None else len(self.encounter.world.payloads)
+        if not 1 <= payload <= lying:
+            raise ValueError(f"payload {payload}: the world has {lying}, numbered from 1: put it there first")
+        return payload - 1
+
+    def _load(self, mass_kg: float) -> None:
+        self._load_kg = mass_kg
+        self._weigh()
+
+    def _grasp(self, index: int) -> None:
+        assert self.encounter is not None
+        if self.encounter.grasp(index):
+            self._weigh()
+        else:
+            self.missed_grasps += 1
+
+    def _drop(self, index: int) -> None:
+        assert self.encounter is not None
+        if self.encounter.drop(index):
+            self._weigh()
+
+    def _weigh(self) -> None:
+        self.payload_kg = self._load_kg + (0.0 if self.encounter is None else self.encounter.world.held_kg)
+        body = RigidBody(self.parameters, self.payload_kg, self._compiled)
+        self._motion.change(body=body) if self.encounter is None else self.encounter.change(body)
 
     def _push(self, index: int, torque_Nm: float) -> None:
         self._external = (*self._external[:index], torque_Nm, *self._external[index + 1 :])

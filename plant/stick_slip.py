@@ -4,6 +4,7 @@ A joint that slides feels friction of constant size against its direction, so th
 and Runge-Kutta keeps its order. A joint that stands is taken out of the mass matrix and holds what it must, up to its
 limit. Changes are a speed that reaches zero and a holding torque that reaches the limit; the step is cut there.
 While all joints slide, the steps are noted and done in one call (`arrive`), which machine code needs to be worth it.
+Near a surface (`Touching`) every step is done at once.
 Units: SI, tuples of n floats. Ref: eq. (1), c.
 Not seen: a holding torque that exceeds its limit and returns within one substep h (its excess is at most h^2 / 8 times
 its curvature), and a speed that turns twice within h / 256. Take a smaller substep if that matters.
@@ -17,6 +18,7 @@ from plant.drive import Amplifiers
 from plant.friction import Modes, modes_of, release_margin
 from plant.parameters import Vector
 from plant.rigid_body import Balance, Glide, RigidBody, Step
+from plant.touching import Touching
 
 # No arm changes this often in one substep of a millisecond or less; it is here to end, and to tell, what must not be.
 MOST_PARTS = 1000
@@ -33,6 +35,7 @@ class StickSlip:
         self.q: Vector = q
         self.w: Vector = (0.0,) * len(q)
         self._body = body
+        self._touching: Touching | None = None
         self._amplifiers = amplifiers
         self._external: Vector = self.w
         self._limit: Vector = body.parameters.coulomb_Nm
@@ -53,11 +56,16 @@ class StickSlip:
         self._sliding: Vector
 
     def change(
-        self, body: RigidBody | None = None, external_Nm: Vector | None = None, friction_limit_Nm: Vector | None = None
+        self,
+        body: RigidBody | Touching | None = None,
+        external_Nm: Vector | None = None,
+        friction_limit_Nm: Vector | None = None,
     ) -> None:
         """Replace what acts on the arm from now on; speeds stay as they are."""
         self.arrive()
-        self._body = self._body if body is None else body
+        if body is not None:
+            self._touching = body if isinstance(body, Touching) else None
+            self._body = body.body if isinstance(body, Touching) else body
         self._external = self._external if external_Nm is None else external_Nm
         self._limit = self._limit if friction_limit_Nm is None else friction_limit_Nm
         self._settled = self._gliding = self._resting = False
@@ -99,7 +107,7 @@ class StickSlip:
     def _advance(self, span_s: float) -> None:
         self._integrate(span_s)
         instant = self._amplifiers.instant and self._settled
-        self._gliding = instant and 0.0 not in self.w
+        self._gliding = instant and 0.0 not in self.w and self._touching is None
         self._resting = instant and not any(self._modes)
 
     def _integrate(self, span_s: float) -> None:
@@ -108,11 +116,12 @@ class StickSlip:
             q, w, calm = self._trial(span_s)
             if calm:
                 self.q, self.w = q, w
-                self._amplifiers.elapse(span_s)
+                self._elapse(span_s)
                 return
         self._settle()
         if not any(self._modes) and self._amplifiers.steady:
-            return  # all stand, and what they must hold does not change
+            self._elapse(span_s)
+            return  # all stand, and what they must hold does not change (a surface that moves is met again)
         left_s = span_s
         for _ in range(MOST_PARTS):
             self._settle()
@@ -160,7 +169,7 @@ class StickSlip:
         self._modes, self._settled = modes, True
         free = _free(modes)
         watched = tuple([j for j in free if self._limit[j - 1] > 0.0])
-        self._step = self._body.step(free, watched)
+        self._step = (self._touching or self._body).step(free, watched)
         if self._amplifiers.instant and free == self._body.all_joints:
             self._glide = self._body.glide(watched)
         self._balance_now, self._constant = self._under(modes)
@@ -176,11 +185,16 @@ class StickSlip:
         if margin <= 0.0:
             part_s = first_negative(lambda span_s: self._margin(span_s, self._trial(span_s)), part_s)
             q, w, _ = self._trial(part_s)
-        self._amplifiers.elapse(part_s)
+        self._elapse(part_s)
         self.q = q
         columns = zip(self._modes, w, self._limit, strict=True)
         self.w = tuple([v if c == 0.0 or s * v > 0.0 else 0.0 for s, v, c in columns])
         return part_s
+
+    def _elapse(self, span_s: float) -> None:
+        self._amplifiers.elapse(span_s)
+        if self._touching is not None:
+            self._touching.elapse(span_s)
 
     def _trial(self, span_s: float) -> tuple[Vector, Vector, bool]:
         start, middle, end = self._amplifiers.during(span_s)
@@ -196,7 +210,10 @@ class StickSlip:
         if 0 not in self._modes:
             return margin
         current = self._amplifiers.during(span_s)[2]
-        _, held = self._balance_now(q, w, current, self._constant)
+        balance = self._balance_now
+        if self._touching is not None:
+            balance = self._touching.after(span_s).balance(_free(self._modes))
+        _, held = balance(q, w, current, self._constant)
         return min(margin, release_margin(self._modes, self._limit, held))
 
     def _balance(self, modes: Modes) -> tuple[Vector, Vector]:
@@ -208,7 +225,7 @@ class StickSlip:
         if modes not in self._found:
             columns = zip(self._external, modes, self._limit, strict=True)
             constant = tuple([float(x - s * c) for x, s, c in columns])
-            self._found[modes] = self._body.balance(_free(modes)), constant
+            self._found[modes] = (self._touching or self._body).balance(_free(modes)), constant
         return self._found[modes]
 
 
