@@ -186,6 +186,9 @@ def _finish(figure: "Figure", run: Evaluation, title: str) -> None:
             axes.axvline(load.at_s, label=f"{load.mass_kg:g} kg put on", **LOAD)
             if load.until_s < duration_s:
                 axes.axvline(load.until_s, label="load taken off", **LOAD)
+        for grasp in run.scenario.grasp:
+            axes.axvline(grasp.at_s, label=f"hand closes on {grasp.mass_kg:g} kg", **LOAD)
+            axes.axvline(grasp.until_s, label="hand opens", **LOAD)
         axes.set(xlim=(0.0, duration_s), xticks=divisions[:: 1 if len(divisions) <= 7 else 5])
         lines, labels = axes.get_legend_handles_labels()
         entries |= {label: line for line, label in zip(lines, labels, strict=True) if label not in entries}

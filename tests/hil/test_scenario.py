@@ -19,15 +19,18 @@ from plant.nominal import nominal_inertia
 from plant.parameters import DEFAULT_ARM
 
 
-def test_the_built_in_scenarios_are_those_of_the_paper_and_other_arms() -> None:
+def test_the_built_in_scenarios_are_those_of_the_paper_other_arms_and_contact() -> None:
     assert scenario_file.builtin_names() == [
+        "box",
         "direct-drive",
         "five-joints",
+        "grasp",
         "load-step",
         "one-joint",
         "paper-joint",
         "paper-task",
         "two-joints",
+        "wall",
     ]
 
 

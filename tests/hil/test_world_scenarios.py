@@ -14,6 +14,7 @@ from hil.errors import ScenarioError
 from hil.evaluate import Evaluation, evaluate
 from hil.record import signal_columns
 from hil.rig import Outcome, run_inline
+from hil.scenario import QuinticMove, Scenario
 from hil.summary import summarise
 from hil.warn import warnings
 
@@ -110,6 +111,28 @@ def test_the_grasped_payload_moves_with_the_hand_and_then_falls() -> None:
     assert np.all(above <= G * t * 100e-6 / 2 + 1e-9)
     assert y[-1] == pytest.approx(-0.08, abs=1e-3)
     assert np.all(run.deviation[run.final_rows] < 50e-6)
+
+
+def test_an_arm_of_one_joint_meets_a_wall_too() -> None:
+    """Its move of half a radian ends a little behind a wall across the way of its tip."""
+    start = scenario_file.load("one-joint")
+    (x, y), (nx, ny) = _tip_after(start, 0.9)
+    wall = f"wall=[{{point_m = [{x}, {y}], normal = [{nx}, {ny}], stiffness_N_m = 1e4, damping_N_s_m = 50.0}}]"
+    run = evaluate(run_inline(scenario_file.load("one-joint", [wall]), compiled=False))
+    assert run is not None
+    force = run.world["wall1_normal_N"]
+    assert np.max(force) > 1.0
+    depth = np.array([nx, ny]) @ (np.array([x, y])[:, None] - run.x.T)
+    settled = np.abs(run.w[:, 0]) == 0.0
+    np.testing.assert_allclose(force[settled], K * np.maximum(depth, 0.0)[settled], atol=1e-5)
+
+
+def _tip_after(scenario: Scenario, share: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the tip of a one-joint arm after that share of its move, and the direction against its way."""
+    assert isinstance(scenario.trajectory, QuinticMove)
+    (start,), (by,), (length,) = scenario.start_rad, scenario.trajectory.by_rad, scenario.arm.lengths_m
+    angle, sign = start + share * by, np.sign(by)
+    return (length * np.cos(angle), length * np.sin(angle)), (sign * np.sin(angle), -sign * np.cos(angle))
 
 
 @pytest.mark.parametrize("name", ["wall", "box", "grasp"])
