@@ -8,7 +8,7 @@ from hil.evaluate import Evaluation, evaluate
 from hil.record import run_folder, write_run
 from hil.rig import Outcome, run_inline
 from hil.scenario import Model, Scenario
-from hil.summary import deviations, summarise
+from hil.summary import deviations, summarise, world
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ def examine(outcome: Outcome, startup_s: float) -> Result:
         counterpart = evaluate(run_inline(switched(outcome.scenario), compiled=False))
     if counterpart is not None:
         other = counterpart.scenario
-        summary["counterpart"] = {"observer": other.joint.observer, "law": other.dsp.law, **deviations(counterpart)}
+        figures = {**deviations(counterpart), **world(counterpart)}
+        summary["counterpart"] = {"observer": other.joint.observer, "law": other.dsp.law, **figures}
     return Result(outcome, evaluation, summary, counterpart)
 
 

@@ -38,8 +38,9 @@ def result(found: Result, folder: Path | None) -> None:
     if found.evaluation is not None:
         console.print(_joints(summary))
         console.print(_task(summary))
-    for line in _world(summary):
-        console.print(line, soft_wrap=True)
+    for title, run in _columns(summary):
+        for line in _world(run):
+            console.print(f"{title}: {line}", soft_wrap=True)
     for key in ("lost_frames_by_cause", "deadline_misses_by_cause", "saturations_by_signal"):
         causes = ", ".join(f"{cause}: {count}" for cause, count in summary[key].items() if count)
         if causes:
@@ -137,7 +138,7 @@ def _world(summary: dict[str, Any]) -> Iterator[str]:
             yield (
                 f"{name}: largest contact force {contact['largest_normal_N']:.2f} N "
                 f"(friction {contact['largest_tangential_N']:.2f} N), final {contact['final_normal_N']:.3f} N "
-                f"at {contact['final_depth_m'] * 1000:.4f} mm, within {contact['final_span_N']:.2g} N"
+                f"at a depth of {contact['final_depth_m'] * 1000:.4f} mm, varying by {contact['final_span_N']:.2g} N"
             )
     for name, body in summary.get("bodies", {}).items():
         moves = zip(body["start_m_m_rad"], body["final_m_m_rad"], strict=True)

@@ -62,7 +62,8 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "saturations_by_signal": {name: count for name, count in _saturations(outcome).items() if count},
         "faults": faults(outcome),
         **({} if evaluation is None else deviations(evaluation)),
-        **({} if evaluation is None or not scenario.has_world else world(outcome, evaluation)),
+        **({} if evaluation is None else world(evaluation)),
+        **({"missed_grasps": outcome.reports["plant"]["missed_grasps"]} if scenario.has_world else {}),
         "processes": {name: report["process"] for name, report in outcome.reports.items() if "process" in report},
         "platform": f"Python {platform.python_version()}, {' '.join(platform.libc_ver())}, {platform.machine()}",
     }
@@ -94,15 +95,16 @@ def deviations(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
-def world(outcome: Outcome, evaluation: Evaluation) -> dict[str, Any]:
-    """Return what the tip felt of every surface it touched, where every body went, and how many grasps missed."""
+def world(evaluation: Evaluation) -> dict[str, Any]:
+    """Return what the tip felt of every surface, and where every body went; nothing without a world."""
     recorded = evaluation.world
+    if not recorded:
+        return {}
     surfaces = [name.removesuffix("_depth_m") for name in recorded if name.endswith("_depth_m")]
     bodies = [name.removesuffix("_x_m") for name in recorded if name.endswith("_x_m")]
     return {
         "contact": {name: _contact(recorded, name, evaluation.final_rows) for name in surfaces},
         "bodies": {name: _moved(recorded, name) for name in bodies},
-        "missed_grasps": outcome.reports["plant"]["missed_grasps"],
     }
 
 

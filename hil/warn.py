@@ -14,7 +14,7 @@ from hil.scenario import Load, Scenario
 from hil.scenario_world import Grasp
 from plant.array_form import gravity
 
-_EVERY_S = 0.01
+_INSTANTS = 500
 
 
 def warnings(scenario: Scenario) -> Iterator[str]:
@@ -36,7 +36,7 @@ def warnings(scenario: Scenario) -> Iterator[str]:
 
 def _needed_Nm(scenario: Scenario, load: Load | Grasp) -> list[float]:
     """Return the largest torque of gravity on every joint while the load is on the hand; [] if no path leads there."""
-    instants = np.arange(load.at_s, load.until_s, _EVERY_S)
+    instants = np.linspace(load.at_s, load.until_s, _INSTANTS)
     motion = joint_trajectory(scenario)
     try:
         poses = np.array([motion.at(float(t_s))[0] for t_s in instants])

@@ -133,14 +133,20 @@ class StickSlip:
             f"modes {self._modes}: take a smaller substep, and report this state"
         )
 
-    def prepare(self) -> None:
-        """Compile `glide`, and the step of every set of free joints: otherwise 1 to 8 ms at the first use of each."""
+    def prepare(self, surfaces: int = 0) -> None:
+        """Compile `glide`, and the step of every set of free joints: otherwise 1 to 8 ms at the first use of each.
+
+        surfaces: also for that many surfaces near the tip.
+        """
         coulomb = self._body.parameters.coulomb_Nm
         for modes in product((0, 1), repeat=len(coulomb)):
             free = _free(modes)
             self._body.balance(free)
             watched = tuple([j for j in free if coulomb[j - 1] > 0.0])
             self._body.step(free, watched)
+            if surfaces:
+                self._body.touching_balance(free, surfaces)
+                self._body.touching_step(free, watched, surfaces)
         if self._amplifiers.instant:
             self._body.glide(watched)([0.0] * self._leg, self.q, self.w, self.w, (1,) * len(self.w))
 

@@ -1,5 +1,6 @@
 """Walls, a box and a payload in whole runs: what the hand feels, where things go, what is refused or warned of."""
 
+import re
 import subprocess
 import sys
 from functools import cache
@@ -8,10 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hil import scenario_file
+from hil import scenario_file, show
 from hil.cli import app
 from hil.errors import ScenarioError
 from hil.evaluate import Evaluation, evaluate
+from hil.experiment import Result
 from hil.record import signal_columns
 from hil.rig import Outcome, run_inline
 from hil.scenario import QuinticMove, Scenario
@@ -40,13 +42,14 @@ def test_a_steady_push_of_20_newton_is_stiffness_times_depth() -> None:
 
 
 def test_the_push_does_not_chatter() -> None:
-    """Touched once, the wall is never left; the push before the slide, joints held by friction, is one number."""
+    """Touched once, the wall is never left; before the slide the joints stand, but for a slip now and then."""
     _, run = ran("wall")
     force = run.world["wall1_normal_N"]
     touched = np.argmax(force > 0.0)
     assert 0.4 <= run.t_s[touched] <= 0.6
     assert np.all(force[touched:] > 0.0)
-    assert np.ptp(force[900:1000]) <= 1e-5
+    assert np.ptp(force[900:1000]) <= 0.1
+    assert np.mean(np.abs(np.diff(force[900:1000])) <= 1e-5) >= 0.9
     assert np.max(np.abs(np.diff(force[700:]))) <= 1.0
 
 
@@ -59,15 +62,20 @@ def test_along_the_wall_friction_is_mu_times_the_normal_force() -> None:
     np.testing.assert_allclose(tangential[slides], MU * normal[slides] * np.sign(run.v[slides, 1]), rtol=0, atol=1e-9)
 
 
-def test_the_reaction_is_the_force_by_the_jacobian_and_the_identity_holds() -> None:
-    """r = -Jac^T f, by finite differences of the tip; t_dis = Ktn i - Jn q" to rounding, in contact."""
-    outcome, run = ran("wall")
+@pytest.mark.parametrize("name", ["wall", "box", "grasp"])
+def test_the_identity_of_the_disturbance_holds(name: str) -> None:
+    """t_dis = Ktn i - Jn q" to rounding: in contact, with the payload, in the air."""
+    outcome, run = ran(name)
     rows, columns = np.array(outcome.reports["plant"]["rows"]), outcome.reports["plant"]["columns"]
     acceleration = rows[:, [columns.index(f"a_rad_s2_{n}") for n in (1, 2, 3)]][: len(run.t_s)]
     joint = outcome.scenario.joint
     expected = run.current * joint.torque_constant_N_m_A - acceleration * joint.inertia_kg_m2
     np.testing.assert_allclose(run.disturbance.total(), expected, atol=1e-9)
 
+
+def test_the_reaction_is_the_force_by_the_jacobian() -> None:
+    """r = -Jac^T f, the columns of Jac being the ways from the joints to the tip, turned by a right angle."""
+    outcome, run = ran("wall")
     lengths, theta = np.array(outcome.scenario.arm.lengths_m), np.cumsum(run.q, axis=1)
     to_tip_x = np.cumsum((lengths * np.cos(theta))[:, ::-1], axis=1)[:, ::-1]
     to_tip_y = np.cumsum((lengths * np.sin(theta))[:, ::-1], axis=1)[:, ::-1]
@@ -150,6 +158,17 @@ def test_the_summary_and_the_signals_have_the_world() -> None:
     assert {"wall1_depth_m", "wall1_normal_N", "wall1_tangential_N"} <= signal_columns(ran("wall")[1]).keys()
     assert summarise(*ran("box"), 0.0)["bodies"].keys() == {"box"}
     assert summarise(*ran("grasp"), 0.0)["missed_grasps"] == 0
+
+
+def test_a_person_sees_the_largest_and_the_final_force(capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("wall", "grasp"):
+        outcome, evaluation = ran(name)
+        show.result(Result(outcome, evaluation, summarise(outcome, evaluation, 0.0), None), None)
+    shown = capsys.readouterr().out
+    assert re.search(
+        r"observer on: wall1: largest contact force 2\d\.\d\d N \(friction 4\.\d\d N\), final 19\.9\d\d N", shown
+    )
+    assert re.search(r"observer on: payload1: moved by \(\d\d\.\d\d, -?0\.0\d\) mm", shown)
 
 
 def test_without_a_world_nothing_of_it_is_there() -> None:

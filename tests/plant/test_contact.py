@@ -256,6 +256,19 @@ def test_a_wall_out_of_reach_changes_no_bit():
     assert run(World([Wall((5.0, 0.0), (-1.0, 0.0), SPRING)])) == run(None)
 
 
+def test_preparing_changes_no_result_of_a_contact():
+    def run(prepare):
+        robot = Robot(DEFAULT_ARM, START, world=World([ahead_of(DEFAULT_ARM, START, 1e-3, (0.0, -1.0), SPRING)]))
+        if prepare:
+            robot.prepare()
+        robot.release_brakes(0)
+        robot.advance_to(100 * MS)
+        return robot.q, robot.encounter.touches()
+
+    assert run(True) == run(False)
+    assert run(True)[1]["wall1"].normal_N > 1.0
+
+
 def test_a_substep_is_short_where_the_surface_is_stiff_for_what_it_moves():
     touching = [
         Touching(RigidBody(DEFAULT_ARM), (ahead_of(DEFAULT_ARM, START, -1e-3, (1.0, 0.0), c).surface(),))

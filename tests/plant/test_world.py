@@ -1,6 +1,6 @@
 """What lies in the world: at rest, pushed, hit, grasped and dropped, against closed forms."""
 
-from math import hypot, sqrt
+from math import cos, hypot, sqrt
 
 import pytest
 
@@ -96,6 +96,27 @@ def test_an_arm_that_hits_a_free_box_gives_it_what_it_loses(one_joint):
     assert speed == pytest.approx(2 * J / (J + 2.0) * before, rel=1e-3)
     assert robot.w[0] * J + 2.0 * speed == pytest.approx(J * before, rel=1e-3)
     assert robot.encounter.touches()["box"].normal_N == 0.0
+
+
+def test_a_box_between_the_hand_and_a_wall_passes_the_push_on(one_joint):
+    """20 N through 2 kg: the spring on one side, pymunk's impulses a substep on the other; it settles by 10 / s."""
+    arm = one_joint(coulomb_Nm=(0.0,), viscosity_Nms=(5.0,))
+    world = World(
+        [Wall((0.0, 0.104), (0.0, -1.0), SPRING)],
+        box(position_m=(1.0, 0.052), compliance=Compliance(1e4, 100.0)),
+        gravity_m_s2=0.0,
+    )
+    robot = Robot(arm, (0.0,), world=world)
+    robot.set_external_torque(1, 20.0, 0)
+    read = []
+    for k in range(1000, 1100):
+        robot.advance_to(k * MS)
+        read.append(robot.encounter.touches()["box"].normal_N)
+    impulses = []
+    world._bodies["box"].each_arbiter(lambda arbiter: impulses.append(arbiter.total_impulse.y))
+    assert read[-1] == pytest.approx(20.0 / cos(robot.q[0]), abs=1e-5)
+    assert -sum(impulses) / SUBSTEP_S == pytest.approx(read[-1], abs=1e-5)
+    assert max(read) - min(read) <= 1e-5
 
 
 def test_the_nearest_side_or_corner_is_what_the_tip_meets():
