@@ -83,11 +83,27 @@ def _apply(values: dict[str, Any], setting: str) -> None:
     except tomllib.TOMLDecodeError:
         value = text
     *parents, key = path.split(".")
+    inner: Any = values
     for parent in parents:
-        values = values.setdefault(parent, {})
-        if not isinstance(values, dict):
-            raise ScenarioError(f"--set {setting!r}: {parent} is a value, not a table, in this scenario")
-    values[key] = value
+        inner = _inside(inner, parent, setting)
+    if not isinstance(inner, dict):
+        raise ScenarioError(
+            f"--set {setting!r}: {'.'.join(parents)} is no table in this scenario: choose one of its keys"
+        )
+    inner[key] = value
+
+
+def _inside(values: Any, key: str, setting: str) -> Any:
+    """Return the table or list of that key, made if it is not there; of a list, the entry of that number from 0."""
+    if isinstance(values, dict):
+        found = values.setdefault(key, {})
+    elif key.isdecimal() and int(key) < len(values):
+        found = values[int(key)]
+    else:
+        raise ScenarioError(f"--set {setting!r}: entry {key} of {len(values)}: they are numbered from 0")
+    if not isinstance(found, dict | list):
+        raise ScenarioError(f"--set {setting!r}: {key} is a value, not a table, in this scenario")
+    return found
 
 
 # -- what pydantic found, in our words --

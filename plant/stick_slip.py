@@ -17,15 +17,15 @@ from plant.bracket import first_negative
 from plant.drive import Amplifiers
 from plant.friction import Modes, modes_of, release_margin
 from plant.parameters import Vector
-from plant.rigid_body import Balance, Glide, RigidBody, Step
+from plant.rigid_body import Balance, Glide, RigidBody, Step, Surfaces
 from plant.touching import Touching
 
 # No arm changes this often in one substep of a millisecond or less; it is here to end, and to tell, what must not be.
 MOST_PARTS = 1000
 SHORTEST_PART = 1 / 256
 
-State = tuple[Vector, Vector, Vector]
-"""q, w, current."""
+State = tuple[Vector, Vector, Vector, Surfaces]
+"""q, w, current, and the surfaces near the tip."""
 
 
 class StickSlip:
@@ -100,7 +100,7 @@ class StickSlip:
         done, self.q, self.w, acceleration = self._glide(legs, self.q, self.w, self._constant, self._modes)
         left = legs[done * self._leg :]
         if not left:
-            self._balanced_at = self.q, self.w, tuple(legs[1 - self._leg :])
+            self._balanced_at = self.q, self.w, tuple(legs[1 - self._leg :]), ()
             self._balanced = acceleration, self._sliding
         return left
 
@@ -108,7 +108,7 @@ class StickSlip:
         self._integrate(span_s)
         instant = self._amplifiers.instant and self._settled
         self._gliding = instant and 0.0 not in self.w and self._touching is None
-        self._resting = instant and not any(self._modes)
+        self._resting = instant and not any(self._modes) and not self._pushed
 
     def _integrate(self, span_s: float) -> None:
         """Integrate over span_s, one Runge-Kutta step if nothing changes."""
@@ -119,9 +119,8 @@ class StickSlip:
                 self._elapse(span_s)
                 return
         self._settle()
-        if not any(self._modes) and self._amplifiers.steady:
-            self._elapse(span_s)
-            return  # all stand, and what they must hold does not change (a surface that moves is met again)
+        if not any(self._modes) and self._amplifiers.steady and not self._pushed:
+            return  # all stand, and what they must hold does not change
         left_s = span_s
         for _ in range(MOST_PARTS):
             self._settle()
@@ -153,19 +152,29 @@ class StickSlip:
     def balance(self) -> tuple[Vector, Vector]:
         """Return (q" [rad/s^2], 0.0 for joints that stand; c [N m], against sliding or what holds) at this instant."""
         self._settle()
-        state = self.q, self.w, self._amplifiers.current_A
+        state = self._state
         if state != self._balanced_at:
-            acceleration, held = self._balance_now(*state, self._constant)
+            acceleration, held = self._balance_now(*state[:3], self._constant)
             columns = zip(self._modes, self._sliding, held, strict=True)
             self._balanced = acceleration, tuple([x if s == 0 else c for s, c, x in columns])
             self._balanced_at = state
         return self._balanced
 
+    @property
+    def _pushed(self) -> bool:
+        """Whether a surface near the tip moves."""
+        return self._touching is not None and self._touching.moves
+
+    @property
+    def _state(self) -> State:
+        surfaces = () if self._touching is None else self._touching.surfaces
+        return self.q, self.w, self._amplifiers.current_A, surfaces
+
     def _settle(self) -> None:
         """Find the modes at this instant; joints at rest are judged again when a current has jumped, or they moved."""
         if self._settled and 0.0 not in self.w:
             return
-        state = self.q, self.w, self._amplifiers.current_A
+        state = self._state
         if self._settled and state == self._judged:
             return
         self._judged = state

@@ -21,6 +21,8 @@ class Touching:
     def __init__(self, body: RigidBody, surfaces: tuple[Surface, ...]) -> None:
         self.body = body
         self.surfaces = surfaces
+        self.moves = any(surface.speed_x_m_s != 0.0 or surface.speed_y_m_s != 0.0 for surface in surfaces)
+        """Whether one of the surfaces moves."""
         self._touch = body.touch(len(surfaces))
 
     def step(self, free: Joints, watched: Joints) -> Step:
@@ -35,7 +37,8 @@ class Touching:
 
     def elapse(self, span_s: float) -> None:
         """Let the surfaces move on."""
-        self.surfaces = tuple([surface.after(span_s) for surface in self.surfaces])
+        if self.moves:
+            self.surfaces = tuple([surface.after(span_s) for surface in self.surfaces])
 
     def after(self, span_s: float) -> "Touching":
         """Return what this will be span_s later."""

@@ -224,6 +224,18 @@ def test_a_world_that_cannot_be_is_refused(name: str, setting: str, message: str
         scenario_file.load(name, [setting])
 
 
+def test_one_value_of_one_of_several_is_set_by_its_number() -> None:
+    wall = scenario_file.load("wall", ["wall.0.stiffness_N_m=2e4", "trajectory.legs.2.time_s=0.7"])
+    assert (wall.wall[0].stiffness_N_m, wall.wall[0].damping_N_s_m) == (2e4, 100.0)
+    assert wall.trajectory.time_s == pytest.approx(1.7)
+    with pytest.raises(ScenarioError, match=r"entry 1 of 1: they are numbered from 0"):
+        scenario_file.load("wall", ["wall.1.stiffness_N_m=2e4"])
+    with pytest.raises(ScenarioError, match=r"wall is no table in this scenario"):
+        scenario_file.load("wall", ["wall.0=3"])
+    with pytest.raises(ScenarioError, match=r"wall.0.point_m is no table in this scenario: choose one of its keys"):
+        scenario_file.load("wall", ["wall.0.point_m.x=3"])
+
+
 def test_a_payload_that_the_drives_cannot_hold_is_warned_of_with_the_torque() -> None:
     """At the start of the grasp joint 2 carries m g times 0.25 m or so; its drive gives 8 A x 6 N m/A."""
     heavy = scenario_file.load("grasp", [f"grasp=[{GRASP % (30, -0.08, 0.9, 1.9)}]"])

@@ -222,6 +222,22 @@ def test_a_surface_that_moves_pushes_an_arm_at_rest(one_joint):
     assert sin(motion.q[0]) == pytest.approx(speed * 0.01 - speed / natural * sin(natural * 0.01), abs=1e-9)
 
 
+@pytest.mark.parametrize("step_s", [1e-4, 0.37e-4])
+def test_a_joint_that_stands_gives_way_when_the_surface_pushes_hard_enough(one_joint, step_s):
+    """K V t = C sets it off inside a substep; from then on y = V t - V / w sin w t, as without friction."""
+    arm, speed = one_joint(), 0.01
+    body = RigidBody(arm)
+    wall = Wall((1.0, 0.0), (0.0, 1.0), SPRING)
+    motion = StickSlip(body, Amplifiers(arm), (0.0,))
+    motion.change(body=Touching(body, (wall.surface()._replace(speed_y_m_s=speed),)))
+    release_s, natural = 1.5 / (1e4 * speed), sqrt(1e4 / J)
+    for k in range(1, round(0.025 / step_s)):
+        motion.advance(step_s)
+        t = max(0.0, k * step_s - release_s)
+        assert sin(motion.q[0]) == pytest.approx(speed * t - speed / natural * sin(natural * t), abs=1e-10)
+    assert motion.w[0] > 0.0
+
+
 def test_the_disturbance_terms_hold_in_contact():
     """t_dis = Ktn i - Jn q" with the contact in the reaction, while the tip slides on a wall and joints set off."""
     arm = replace(DEFAULT_ARM, ripple=(0.02, 0.01, 0.03), ripple_order=(6.0, 6.0, 6.0))
