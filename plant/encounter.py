@@ -66,7 +66,7 @@ class Encounter:
         x, y, _ = tip(self._body.parameters, self._motion.q)
         speed_x, speed_y, _ = tip_velocity(self._body.parameters, self._motion.q, self._motion.w)
         within_m = CLEARANCE_M + 2.0 * hypot(speed_x, speed_y) * self._horizon_s
-        near = self.world.near(x, y, within_m)
+        near = self.world.near(x, y, within_m, self._horizon_s)
         if near != self._near:
             self._near = near
             self._touch_what_is_near()

@@ -111,12 +111,18 @@ class World:
         """Mass of the payloads in the hand."""
         return sum([each.mass_kg for k, each in enumerate(self.payloads, start=1) if f"payload{k}" in self._held])
 
-    def near(self, x: float, y: float, within_m: float) -> dict[str, Surface]:
-        """Return the surfaces that are closer than within_m to a tip at (x, y), or that it is in, as they are now."""
+    def near(self, x: float, y: float, within_m: float, soon_s: float = 0.0) -> dict[str, Surface]:
+        """Return the surfaces that are closer than within_m to a tip at (x, y), or that it is in, as they are now.
+
+        soon_s: also those that come so close within twice that time, at their speed.
+        """
         found = {name: surface for name, wall, surface in self._walls if wall.gap_m(x, y) < within_m}
         box = self._box
         if box is not None:
-            centre = self._bodies["box"].position
+            body = self._bodies["box"]
+            centre = body.position
+            edge_m_s = abs(body.angular_velocity) * hypot(*box.size_m) / 2
+            within_m += 2.0 * soon_s * (hypot(*body.velocity) + edge_m_s)
             if hypot(x - centre.x, y - centre.y) < hypot(*box.size_m) / 2 + within_m:
                 surface = self._side(box, x, y, within_m)
                 if surface is not None:

@@ -98,6 +98,18 @@ def test_an_arm_that_hits_a_free_box_gives_it_what_it_loses(one_joint):
     assert robot.encounter.touches()["box"].normal_N == 0.0
 
 
+def test_a_fast_box_that_hits_an_arm_at_rest_is_seen_in_time(one_joint):
+    """3 m/s are 3 mm in a period, here from 1.05 mm before the tip; the same collision from the other side."""
+    arm = one_joint(coulomb_Nm=(0.0,))
+    world = World([], box(position_m=(1.0, -0.10205), compliance=Compliance(1e5)), gravity_m_s2=0.0)
+    world._bodies["box"].velocity = 0.0, 3.0
+    robot = Robot(arm, (0.0,), world=world)
+    robot.advance_to(50 * MS)
+    speed = world._bodies["box"].velocity.y
+    assert robot.w[0] == pytest.approx(2 * 2.0 / (J + 2.0) * 3.0, rel=2e-3)
+    assert robot.w[0] * J + 2.0 * speed == pytest.approx(2.0 * 3.0, rel=2e-3)
+
+
 def test_a_box_between_the_hand_and_a_wall_passes_the_push_on(one_joint):
     """20 N through 2 kg: the spring on one side, pymunk's impulses a substep on the other; it settles by 10 / s."""
     arm = one_joint(coulomb_Nm=(0.0,), viscosity_Nms=(5.0,))
