@@ -54,6 +54,10 @@ class Encounter:
                 self.world.advance(span_s / parts)
                 self.meet()
 
+    def prepare(self) -> None:
+        """Do now what would otherwise be done at the first use, for one surface at a time."""
+        self._motion.prepare(surfaces=1)
+
     def change(self, body: RigidBody) -> None:
         """Let the arm be another body, with what it holds."""
         self._body = body

@@ -90,7 +90,7 @@ class Robot:
 
     def prepare(self) -> None:
         """Compile now what is otherwise compiled at the first use (10 ms for 3 joints, 0.5 s for 6): for real time."""
-        self._motion.prepare(surfaces=0 if self.encounter is None else 1)
+        self._motion.prepare() if self.encounter is None else self.encounter.prepare()
 
     # what acts on it
 

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hil import scenario_file, show
+from hil.assemble import build_nodes
 from hil.cli import app
 from hil.errors import ScenarioError
 from hil.evaluate import Evaluation, evaluate
@@ -222,6 +223,14 @@ REFUSED = [
 def test_a_world_that_cannot_be_is_refused(name: str, setting: str, message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         scenario_file.load(name, [setting])
+
+
+def test_a_world_around_an_arm_that_feels_no_contact_is_refused() -> None:
+    wall = WALL % (5.0, -1.0)
+    with pytest.raises(
+        ScenarioError, match=r"plant.backend = 'pymunk': it feels no contact, .* take the backend closed"
+    ):
+        build_nodes(scenario_file.load("direct-drive", ["plant.backend=pymunk", wall]))
 
 
 def test_one_value_of_one_of_several_is_set_by_its_number() -> None:
