@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import Executor
 
-from hil.paper import backend_section, cost_sections, motion_sections, observer_sections
+from hil.paper import backend_section, cost_sections, motion_sections, observer_sections, world_section
 from hil.paper.report import Folder, Section
 
 SECTIONS: dict[str, Callable[[Executor, Folder], Section]] = {
@@ -16,5 +16,6 @@ SECTIONS: dict[str, Callable[[Executor, Folder], Section]] = {
     "noise": observer_sections.noise_claim,
     "period": motion_sections.shorter_period,
     "rivals": cost_sections.rivals,
+    "world": world_section.world,
     "backends": backend_section.backends,
 }

@@ -57,9 +57,14 @@ def cpu_ticks(pid: int) -> int:
     return int(fields[11]) + int(fields[12])
 
 
-@pytest.mark.parametrize("name", scenario_file.builtin_names())
-@pytest.mark.parametrize("fidelity", ["bits", "functional"])
-def test_processes_and_inline_make_the_same_frames(name: str, fidelity: str) -> None:
+EVERY_WAY = [
+    *(("bits", name) for name in scenario_file.builtin_names()),
+    *(("functional", name) for name in ("five-joints", "load-step", "paper-joint", "paper-task")),
+]
+
+
+@pytest.mark.parametrize(("fidelity", "name"), EVERY_WAY)
+def test_processes_and_inline_make_the_same_frames(fidelity: str, name: str) -> None:
     scenario = scenario_file.load(name, [f"bus.fidelity={fidelity}"])
     assert run_processes(scenario, "arm").log.frames == run_inline(scenario).log.frames
 

@@ -104,6 +104,16 @@ def test_table_1_and_the_rival_stand_in_the_report(values: Any) -> None:
     assert {row["name"] for row in values["rivals"]} >= {"observer", "computed torque, exact", "neither"}
 
 
+def test_a_steady_push_is_that_of_the_spring_and_does_not_chatter(values: Any) -> None:
+    """1e-5 N, half a millionth of the push; 20 N is what the commanded 2 mm mean, a count of the encoder 0.02 N."""
+    wall, box, grasp = values["world"]
+    assert wall["push_N"] == pytest.approx(20.0, abs=0.2)
+    assert wall["off_spring_N"] <= 1e-5
+    assert wall["chatter_N"] <= 1e-5
+    assert min(wall["reaction_N_m"][:2] + box["reaction_N_m"][:1]) > 0.1
+    assert all(max(run["final_rad"]) <= 30 * URAD for run in (wall, box, grasp))
+
+
 def test_two_independent_arms_agree_and_where_their_loops_part_is_told(values: Any) -> None:
     """A swing within 3e-6 rad. One count of the encoder is 7.7e-6 rad; only 1 mg more does what pymunk does."""
     found = values["backends"]
