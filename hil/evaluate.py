@@ -19,8 +19,8 @@ from hil.assemble import arm_parameters, build_trajectory, joint_trajectory
 from hil.frame_log import LoggedFrame
 from hil.rig import Outcome
 from hil.scenario import Scenario
+from plant.array_form import tip_velocities, tips
 from plant.disturbance import DisturbanceTerms, disturbance_terms
-from plant.kinematics import tip_velocities, tips
 
 Array = npt.NDArray[np.float64]
 

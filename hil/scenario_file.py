@@ -155,7 +155,7 @@ def check(scenario: Scenario) -> None:
     _check_spaces(scenario)
     _check_torques(scenario)
     _check_law(scenario)
-    if scenario.wall or scenario.box is not None or scenario.grasp:
+    if scenario.has_world:
         from hil.world_check import check_world  # with numpy, which a run without a world does without
 
         check_world(scenario)

@@ -1,4 +1,4 @@
-"""The arm's M, h and g over arrays of recorded states: what `closed_form` says in scalars, for evaluation after a run.
+"""The arm's M, h, g and its hand over arrays of recorded states, for evaluation after a run.
 
 Units: SI; arrays (K, n) and (K, n, n) for K states. Ref: eq. (1); `closed_form` for the symbols.
 Written on its own, not from the same text, so that the identity of eqs. (3) and (4) compares two derivations.
@@ -69,3 +69,17 @@ def _outwards(values: Array, axis: int) -> Array:
     """Return the sums over all links from each joint on."""
     outwards: Array = np.flip(np.cumsum(np.flip(values, axis), axis), axis)
     return outwards
+
+
+def tips(parameters: ArmParameters, q: Array) -> Array:
+    """Return (x, y, phi) as (K, 3) at q (K, n)."""
+    theta = np.cumsum(q, axis=1)
+    length = np.array(parameters.length_m)
+    return np.stack([np.cos(theta) @ length, np.sin(theta) @ length, theta[:, -1]], axis=1)
+
+
+def tip_velocities(parameters: ArmParameters, q: Array, w: Array) -> Array:
+    """Return (x', y', phi') as (K, 3) at q, w (K, n)."""
+    theta, speed = np.cumsum(q, axis=1), np.cumsum(w, axis=1)
+    length = np.array(parameters.length_m)
+    return np.stack([-(np.sin(theta) * speed) @ length, (np.cos(theta) * speed) @ length, speed[:, -1]], axis=1)

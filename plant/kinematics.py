@@ -1,4 +1,4 @@
-"""Where the hand is: direct kinematics of the planar arm, for reports and for whatever touches the tip.
+"""Where the hand is: direct kinematics of the planar arm, for whatever touches the tip.
 
 Units: m, rad, m/s, rad/s; (x, y, phi), phi the direction of the last link. Ref: eqs. (10) and (11).
 Angles are relative, the base is the origin, x horizontal, y up. Not here: inverse kinematics (the DSP's).
@@ -6,9 +6,6 @@ Angles are relative, the base is the origin, x horizontal, y up. Not here: inver
 
 from math import cos, sin
 
-import numpy as np
-
-from plant.array_form import Array
 from plant.parameters import ArmParameters, Vector
 
 Planar = tuple[float, float, float]
@@ -52,17 +49,3 @@ def joint_points(length_m: Vector, q: Vector) -> list[tuple[float, float]]:
         y += length * sin(phi)
         points.append((x, y))
     return points
-
-
-def tips(parameters: ArmParameters, q: Array) -> Array:
-    """Return (x, y, phi) as (K, 3) at q (K, n)."""
-    theta = np.cumsum(q, axis=1)
-    length = np.array(parameters.length_m)
-    return np.stack([np.cos(theta) @ length, np.sin(theta) @ length, theta[:, -1]], axis=1)
-
-
-def tip_velocities(parameters: ArmParameters, q: Array, w: Array) -> Array:
-    """Return (x', y', phi') as (K, 3) at q, w (K, n)."""
-    theta, speed = np.cumsum(q, axis=1), np.cumsum(w, axis=1)
-    length = np.array(parameters.length_m)
-    return np.stack([-(np.sin(theta) * speed) @ length, (np.cos(theta) * speed) @ length, speed[:, -1]], axis=1)

@@ -6,7 +6,8 @@ from random import Random
 import numpy as np
 import pytest
 
-from plant.kinematics import tip, tip_velocities, tip_velocity, tips
+from plant.array_form import tip_velocities, tips
+from plant.kinematics import tip, tip_velocity
 from plant.parameters import DEFAULT_ARM
 
 
