@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from math import inf
 from pathlib import Path
@@ -57,9 +57,9 @@ def run_processes(
     listener = Listener(channel)
     try:
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
-            nodes = Processes(scenario, channel, Path(folder))
+            nodes = Processes(Path(folder), _command(scenario, channel, Path(folder)))
             try:
-                nodes.start()
+                nodes.start(scenario.node_names)
                 return _run(scenario, listener, nodes, progress, watchdog(notice, patience_s), Pace(pace), began)
             finally:
                 nodes.end()
@@ -67,6 +67,13 @@ def run_processes(
         raise OutputError(f"temporary files of the run: {error.strerror}; make room, or set TMPDIR") from None
     finally:
         listener.close()
+
+
+def _command(scenario: Scenario, channel: str, folder: Path) -> Callable[[str], list[str]]:
+    """Return what starts a node by its name, from a file that holds the scenario."""
+    resolved = folder / "scenario.json"
+    resolved.write_text(scenario.model_dump_json())
+    return lambda name: ["hil.node_process", name, str(resolved), channel, str(folder / f"{name}.json")]
 
 
 def _run(
@@ -133,24 +140,24 @@ def one_cpu(pids: Sequence[int]) -> Iterator[None]:
 
 
 class Processes:
-    """The node processes of one run."""
+    """The node processes of one run; command: a module and its words, by the node's name.
 
-    def __init__(self, scenario: Scenario, channel: str, folder: Path) -> None:
-        self.scenario = scenario
-        self.channel = channel
+    Each leaves its report as NAME.json in the folder.
+    """
+
+    def __init__(self, folder: Path, command: Callable[[str], list[str]]) -> None:
         self.folder = folder
+        self.command = command
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self) -> None:
-        """Start every node."""
-        resolved = self.folder / "scenario.json"
-        resolved.write_text(self.scenario.model_dump_json())
+    def start(self, names: Sequence[str]) -> None:
+        """Start these nodes."""
         with fixed_addresses():
-            for name in self.scenario.node_names:
-                self.processes[name] = self._start(name, resolved, self.channel)
+            for name in names:
+                self.processes[name] = self._start(name)
 
-    def _start(self, name: str, scenario: Path, channel: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "hil.node_process", name, str(scenario), channel, str(self._report(name))]
+    def _start(self, name: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", *self.command(name)]
         with (self.folder / f"{name}.err").open("wb") as stderr:
             # A session of its own: Ctrl-C reaches the rig alone, which ends its nodes in order.
             return subprocess.Popen(
@@ -161,10 +168,7 @@ class Processes:
         """Return the process ids."""
         return [process.pid for process in self.processes.values()]
 
-    def _report(self, name: str) -> Path:
-        return self.folder / f"{name}.json"
-
-    def check(self, names: list[str]) -> None:
+    def check(self, names: Iterable[str]) -> None:
         """Raise NodeError for one of these nodes that has ended."""
         for name in names:
             if self.processes[name].poll() is not None:
@@ -202,7 +206,7 @@ class Processes:
                 raise NodeError(f"{name} did not end within {END_S:.0f} s of the bus's end")
             if self.processes[name].returncode != 0:
                 raise NodeError(self._obituary(name))
-            found[name] = json.loads(self._report(name).read_text())
+            found[name] = json.loads((self.folder / f"{name}.json").read_text())
         return found
 
     def end(self) -> None:

@@ -45,7 +45,7 @@ class Wire(Part):
 class Clock(Part):
     """Who advances time, and the control period."""
 
-    kind: Literal["virtual"] = "virtual"
+    kind: Literal["virtual", "sync"] = "virtual"
     period_s: Period = 0.001
     setup_cycles: Annotated[int, Field(ge=10, le=100_000)] = 200
 

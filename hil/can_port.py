@@ -1,0 +1,94 @@
+"""A node's place on any python-can interface: frames out without losing one, frames in, and who they are for.
+
+SocketCAN refuses a frame when the device's queue is full (ENOBUFS), and select does not tell when it no longer is. So
+sending waits and tries again, for a bounded time, and counts. Ref: linux Documentation/networking/can.rst; netdevice
+txqueuelen (10 frames by default).
+"""
+
+import errno
+import time
+from collections.abc import Collection
+from typing import Any
+
+import can
+
+from hil.errors import ChannelError, NodeError
+
+FIRST_PAUSE_S = 100e-6
+LONGEST_PAUSE_S = 10e-3
+GIVE_UP_S = 5.0
+"""Wall time after which a frame that nobody takes ends the run: nobody acknowledges, or the bus is off."""
+STANDARD_MASK = 0x7FF
+
+
+class CanPort:
+    """One socket on an interface. retries: times that the queue was full; strangers: frames that are none of ours."""
+
+    def __init__(self, interface: str, channel: str, listens: Collection[int] | None, **options: Any) -> None:
+        self.retries = 0
+        self.strangers = 0
+        self._where = f"{interface} {channel}"
+        filters = None
+        if listens is not None:
+            filters = [{"can_id": each, "can_mask": STANDARD_MASK, "extended": False} for each in sorted(listens)]
+        try:
+            self.bus = can.Bus(interface=interface, channel=channel, can_filters=filters, **options)
+        except Exception as error:  # every interface has its own way of saying so
+            raise ChannelError(_refusal(interface, channel, error)) from None
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """Send a frame; raise NodeError where the bus takes none for GIVE_UP_S."""
+        message = can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
+        pause_s, deadline = FIRST_PAUSE_S, 0.0
+        while True:
+            try:
+                self.bus.send(message)
+                return
+            except can.CanError as error:
+                self._check(error, identifier)
+            self.retries += 1
+            now_s = time.monotonic()
+            deadline = deadline or now_s + GIVE_UP_S
+            if now_s > deadline:
+                raise NodeError(
+                    f"{self._where}: its transmit queue has been full for {GIVE_UP_S:.0f} s: nobody acknowledges, or "
+                    "the bus is off; look at `ip -details -statistics link show`"
+                ) from None
+            time.sleep(pause_s)
+            pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
+
+    def _check(self, error: can.CanError, identifier: int) -> None:
+        """Raise NodeError for what waiting does not mend."""
+        code = getattr(error, "error_code", None)
+        if code not in (errno.ENOBUFS, errno.EAGAIN) and "No buffer space" not in str(error):
+            raise NodeError(f"{self._where}: cannot send {identifier:#x}: {error}: is the interface up?") from None
+
+    def receive(self, timeout_s: float) -> tuple[int, bytes] | None:
+        """Return the next data frame with 11 bits, or None; others are counted. NodeError if the interface is gone."""
+        try:
+            message = self.bus.recv(timeout_s)
+        except (can.CanError, OSError) as error:
+            raise NodeError(f"{self._where}: cannot receive: {error}: is the interface up?") from None
+        if message is None:
+            return None
+        if message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd:
+            self.strangers += 1
+            return None
+        return message.arbitration_id, bytes(message.data)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self.bus.shutdown()
+
+
+def _refusal(interface: str, channel: str, error: Exception) -> str:
+    """Return why an interface could not be opened, and what to do."""
+    number = getattr(error, "errno", None) or getattr(error, "error_code", None)
+    cures = {
+        errno.ENODEV: f"there is no such interface: see `ip link`; for a virtual one `ip link add {channel} type vcan`",
+        errno.ENETDOWN: f"it is down: `ip link set {channel} up`",
+        errno.EPERM: "not permitted: run as a user who may open CAN sockets",
+        errno.EAFNOSUPPORT: "this kernel has no SocketCAN: load can_raw, or take another interface",
+    }
+    cure = cures.get(number or 0, "check --interface, --channel and --bus-kwargs")
+    return f"interface {interface!r}, channel {channel!r}: {error}: {cure}"

@@ -1,0 +1,128 @@
+"""A run on any python-can interface, by the Sync frame: processes for the nodes that are ours, patience for the others.
+
+The rig itself only listens. Its log has every frame of the run at the beginning of its cycle, as under `functional`.
+"""
+
+import json
+import tempfile
+import time
+from collections.abc import Collection
+from math import inf
+from pathlib import Path
+
+from dbc.codec import Codec
+from dbc.compiler import load_arm
+from hil.assemble import build_nodes, check_node_name
+from hil.can_node import QUIET_S, Place
+from hil.can_port import CanPort
+from hil.constants import reference_of
+from hil.errors import NodeError, OutputError
+from hil.processes import START_S, Processes
+from hil.rig import Outcome, Progress, no_progress
+from hil.scenario import Scenario
+from hil.watchdog import Notice, watchdog
+from hil.witness import Witness
+
+
+def run_on_bus(
+    scenario: Scenario,
+    place: Place,
+    external: Collection[str] = (),
+    progress: Progress = no_progress,
+    notice: Notice = lambda _text: None,
+    patience_s: float = inf,
+) -> Outcome:
+    """Run a scenario by the Sync frame; external: nodes that somebody else plays.
+
+    Raises NodeError naming a node of ours that died, or whoever has not answered for patience_s; the robot is stopped.
+    """
+    began = time.perf_counter()
+    for name in external:
+        check_node_name(scenario, name)
+    scenario, codec = by_sync(scenario), load_arm()
+    build_nodes(scenario)
+    own = [name for name in scenario.node_names if name not in external]
+    port = CanPort(place.interface, place.channel, None, **place.options)
+    try:
+        with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+            nodes = _processes(scenario, place, Path(folder))
+            try:
+                for name in external:
+                    notice(expectation(codec, name))
+                _start(nodes, own)
+                return _watch(scenario, codec, port, nodes, progress, notice, patience_s, began)
+            finally:
+                nodes.end()
+    except OSError as error:
+        raise OutputError(f"temporary files of the run: {error.strerror}; make room, or set TMPDIR") from None
+    finally:
+        port.close()
+
+
+def by_sync(scenario: Scenario) -> Scenario:
+    """Return the scenario with the rule of `functional`: each current acts at its delay after the cycle's start."""
+    bus = scenario.bus.model_copy(update={"fidelity": "functional"})
+    return scenario.model_copy(update={"bus": bus, "clock": scenario.clock.model_copy(update={"kind": "sync"})})
+
+
+def _processes(scenario: Scenario, place: Place, folder: Path) -> Processes:
+    order = folder / "order.json"
+    order.write_text(json.dumps({"scenario": scenario.model_dump(mode="json"), "place": place}))
+    return Processes(folder, lambda name: ["hil.can_node", str(order), name])
+
+
+def _start(nodes: Processes, own: Collection[str]) -> None:
+    """Start our nodes, the DSP when the others listen: a bus keeps nothing for who comes later."""
+    listening = [name for name in own if name != "dsp"]
+    nodes.start(listening)
+    deadline = time.monotonic() + START_S
+    while missing := [name for name in listening if not (nodes.folder / f"{name}.ready").exists()]:
+        nodes.check(missing)
+        if time.monotonic() > deadline:
+            raise NodeError(f"{', '.join(missing)} did not listen within {START_S:.0f} s of the start")
+        time.sleep(0.01)
+    nodes.start([name for name in own if name == "dsp"])
+
+
+def _watch(
+    scenario: Scenario,
+    codec: Codec,
+    port: CanPort,
+    nodes: Processes,
+    progress: Progress,
+    notice: Notice,
+    patience_s: float,
+    began: float,
+) -> Outcome:
+    """Listen until Stop, and see to it that there is one."""
+    witness, on_wait = Witness(scenario, codec), watchdog(notice, patience_s)
+    moved = time.monotonic()
+    try:
+        while not witness.stopped:
+            heard = port.receive(QUIET_S)
+            now = time.monotonic()
+            if heard is not None and witness.hear(*heard):
+                moved = now
+                if witness.begins_cycle(heard[0]):
+                    progress(max(0.0, witness.cycle / scenario.cycles))
+            elif heard is None:
+                nodes.check(name for name, process in nodes.processes.items() if process.poll() is not None)
+                on_wait(witness.missing(), now - moved)
+    finally:
+        if not witness.stopped:
+            port.send(codec["Stop"].identifier, codec["Stop"].pack(1))
+    ended = time.perf_counter()
+    started = ended if witness.began is None else witness.began
+    wall_s, setup_wall_s = ended - started, started - began
+    return Outcome(scenario, "sync", witness.log, nodes.reports(), 0, wall_s, setup_wall_s, {}, witness.strange)
+
+
+def expectation(codec: Codec, name: str) -> str:
+    """Return what the rig expects of a node that somebody else plays: what it hears, and what it sends."""
+    if not name.startswith("joint"):
+        return f"{name} is external: waiting for it; what it hears and sends stands in arm.dbc"
+    number = int(name.removeprefix("joint"))
+    hears = ("Stop", f"Encoder_{number}", reference_of(number)[0], f"Parameter_{number}")
+    sends = (f"Current_{number}", f"Acknowledge_{number}", f"State_{number}", f"Heartbeat_{number}")
+    heard, sent = (", ".join(f"{each} {codec[each].identifier:#x}" for each in frames) for frames in (hears, sends))
+    return f"{name} is external: it hears {heard}; it answers Encoder_{number} with Current_{number}, and sends {sent}"

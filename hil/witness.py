@@ -1,0 +1,71 @@
+"""What a rig that only listens knows of a run by the Sync frame: its cycle, its log, and whose turn it is."""
+
+import time
+
+from dbc.codec import Codec
+from hil.constants import cycle_frames
+from hil.frame_log import FrameLog
+from hil.scenario import Scenario
+
+
+class Witness:
+    """Hears every frame. began: wall time at cycle 0. strange: frames that the database does not know."""
+
+    def __init__(self, scenario: Scenario, codec: Codec) -> None:
+        self.log = FrameLog()
+        self.cycle = -scenario.clock.setup_cycles - 1
+        self.began: float | None = None
+        self.stopped = False
+        self.strange = 0
+        self._period_ns = scenario.period_ns
+        self._names = {frame.identifier: name for name, frame in codec.items()}
+        self._sync, self._stop = codec["Sync"], codec["Stop"]
+        self._due = [name for name in cycle_frames(scenario.joints) if name != "State"]
+        self._heard: set[str] = set()
+
+    def hear(self, identifier: int, data: bytes) -> bool:
+        """Take a frame; return whether it moved the run on: one that comes again, or nobody knows, does not."""
+        name = self._names.get(identifier)
+        if name is None:
+            self.strange += 1
+            return False
+        if identifier == self._stop.identifier:
+            self.stopped = True
+            self.cycle += data == b"\0"  # it stands for the Sync of the cycle behind the last
+        if identifier == self._sync.identifier and not self._begin(data):
+            return False
+        moved = name not in self._heard
+        self._heard.add(name)
+        self.log.watch(self.cycle * self._period_ns, identifier, data, sender_of(name))
+        return moved
+
+    def begins_cycle(self, identifier: int) -> bool:
+        """Return whether a frame is a Sync."""
+        return identifier == self._sync.identifier
+
+    def _begin(self, data: bytes) -> bool:
+        fields = self._sync.unpack(data)
+        ahead = 0 if fields is None else (fields[0] - self.cycle) & 0xFF
+        self.cycle += ahead
+        if ahead:
+            self._heard.clear()
+        if self.began is None and self.cycle >= 0:
+            self.began = time.perf_counter()
+        return ahead > 0
+
+    def missing(self) -> str:
+        """Return who is to speak next: the sender of the first frame of this cycle that has not come, else the DSP."""
+        due = [name for name in self._due if name not in self._heard]
+        if self.cycle < -1:  # before the references begin
+            due = [name for name in due if not name.startswith("AccelRef")]
+        return sender_of(due[0]) if due else "dsp"
+
+
+def sender_of(frame: str) -> str:
+    """Return who sends a frame, by its name; a Stop may be anybody's, and counts as the DSP's."""
+    kind, _, number = frame.partition("_")
+    if kind in ("Current", "Acknowledge"):
+        return f"joint{number}"
+    if kind in ("State", "Heartbeat"):
+        return {"0": "plant", "7": "dsp"}.get(number, f"joint{number}")
+    return "plant" if kind == "Encoder" else "dsp"
