@@ -20,9 +20,12 @@ from typing import Annotated, Any, Literal, NoReturn, ParamSpec
 import typer
 
 from hil.addresses import restart_at_fixed_addresses
-from hil.errors import ChannelError, FaultError, HilError, OutputError
+from hil.errors import FaultError, HilError, OutputError
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+
+Interface = Annotated[str, typer.Option("--interface", "-i", help="python-can interface; hil has virtual time.")]
+BusKwargs = Annotated[str, typer.Option("--bus-kwargs", help="More keywords for the interface, as JSON.")]
 
 P = ParamSpec("P")
 
@@ -81,6 +84,25 @@ def _age_s() -> float:
 _IMPORTED = time.perf_counter()
 
 
+def _place(interface: str, channel: str | None, bus_kwargs: str, clock: str) -> Any:
+    """Return where the bus is that has no virtual time, None for the rig's own."""
+    from hil.can_node import Place
+
+    if interface == "hil" and clock == "virtual":
+        return None
+    try:
+        options = json.loads(bus_kwargs)
+    except ValueError:
+        options = None
+    if not isinstance(options, dict):
+        raise typer.BadParameter(
+            f"--bus-kwargs {bus_kwargs}: write a JSON object, for example '{{\"bitrate\": 500000}}'"
+        )
+    if channel is None:
+        raise typer.BadParameter(f"--interface {interface} needs --channel, for example --channel vcan0")
+    return Place(interface, channel, options)
+
+
 @app.command()
 @reported
 def run(
@@ -92,21 +114,37 @@ def run(
         bool, typer.Option("--json", help="Print the summary as JSON; no folder without --out.")
     ] = False,
     channel: Annotated[str | None, typer.Option("--channel", "-c", help="Name of the bus, for observers.")] = None,
-    patience: Annotated[float, typer.Option(min=0.5, help="Seconds to wait for a node that does not answer.")] = 20.0,
+    patience: Annotated[
+        float | None,
+        typer.Option(min=0.5, help="Seconds to wait for a node that does not answer; default: 20, by sync no limit."),
+    ] = None,
     pace: Annotated[
         float | None,
         typer.Option(min=1e-6, max=1e6, help="Virtual seconds a real second; default: as fast as it goes."),
     ] = None,
+    interface: Interface = "hil",
+    bus_kwargs: BusKwargs = "{}",
+    clock: Annotated[
+        Literal["virtual", "sync"] | None,
+        typer.Option(help="Who advances time; default: virtual on the interface hil, sync on all others."),
+    ] = None,
+    external: Annotated[
+        list[str], typer.Option("--external", metavar="NODE", help="Somebody else plays this node (repeatable).")
+    ] = [],  # noqa: B006 (as above)
 ) -> None:
-    """Run an experiment: every node a process, over CAN in virtual time."""
+    """Run an experiment: every node a process, over CAN in virtual time, or on any CAN interface by the Sync frame."""
     from hil import experiment, record, scenario_file, show
     from hil.processes import run_processes
     from hil.rig import run_inline
+    from hil.sync_rig import run_on_bus
     from hil.warn import warnings
 
     chosen = scenario_file.load(scenario, settings)
-    if inline and pace is not None:
-        raise typer.BadParameter("--pace with --inline: nobody could watch; leave one of them out")
+    place = _place(interface, channel, bus_kwargs, clock or chosen.clock.kind)
+    if inline and (pace is not None or place is not None):
+        raise typer.BadParameter("--inline with --pace, --interface or --clock sync: leave --inline out")
+    if place is None and external:
+        raise typer.BadParameter("--external needs a bus that others can join in their own time: --clock sync")
     if out is None and not as_json:
         out = Path("runs") / f"{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
     if out is not None:
@@ -115,10 +153,14 @@ def run(
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, notice):
         for text in warnings(chosen):
             notice(f"warning: {text}")
-        if inline:
+        if place is not None:
+            outcome = run_on_bus(chosen, place, external, step, notice, patience or inf)
+        elif inline:
             outcome = run_inline(chosen, step)
         else:
-            outcome = run_processes(chosen, channel or f"run-{os.getpid()}", step, notice, patience, pace or inf)
+            outcome = run_processes(
+                chosen, channel or f"run-{os.getpid()}", step, notice, patience or 20.0, pace or inf
+            )
     result = experiment.examine(outcome, age_s + outcome.setup_wall_s)
     if out is not None:
         experiment.write(result, out)
@@ -236,7 +278,8 @@ def paper(
 def node(
     role: Annotated[str, typer.Argument(help="plant, dsp or joint.")],
     number: Annotated[int | None, typer.Argument(help="Which joint, from 1.", metavar="N")] = None,
-    interface: Annotated[str, typer.Option("--interface", "-i", help="python-can interface.")] = "hil",
+    interface: Interface = "hil",
+    bus_kwargs: BusKwargs = "{}",
     channel: ChannelName = "arm",
     scenario: Annotated[str, typer.Option("--scenario", help="Built-in scenario or .toml file.")] = "paper-joint",
     settings: Settings = [],  # noqa: B006 (as above)
@@ -244,17 +287,18 @@ def node(
     """Play one participant, in its own terminal, until the run ends."""
     from hil import scenario_file, show
     from hil.assemble import check_node_name
+    from hil.can_node import play
     from hil.node_process import run_node
+    from hil.sync_rig import by_sync
 
-    if interface != "hil":
-        raise ChannelError(f"interface {interface!r}: only 'hil' has the virtual time that this version's nodes need")
     if (role == "joint") != (number is not None):
         raise typer.BadParameter("write plant, dsp, or joint N")
     name = role if number is None else f"{role}{number}"
     chosen = scenario_file.load(scenario, settings)
     check_node_name(chosen, name)
     print(f"{name} of {chosen.name} on channel {channel}", flush=True)
-    report = run_node(chosen, name, channel)
+    place = _place(interface, channel, bus_kwargs, chosen.clock.kind)
+    report = run_node(chosen, name, channel) if place is None else play(by_sync(chosen), name, place)
     print(f"{name}: the run is over; {show.counters(report)}")
     if report["fault"]:
         raise FaultError(f"{name}: {report['fault']}")

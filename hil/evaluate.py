@@ -65,7 +65,9 @@ class Evaluation:
 
 
 def evaluate(outcome: Outcome) -> Evaluation | None:
-    """Return the evaluation of a run; None if it ended before cycle 0."""
+    """Return the evaluation of a run; None if it ended before cycle 0, or if somebody else played the plant."""
+    if "plant" not in outcome.reports:
+        return None
     scenario, codec = outcome.scenario, load_arm()
     truth = _truth(outcome)
     cycles = len(truth["payload_kg"])

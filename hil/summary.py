@@ -128,7 +128,7 @@ def _moved(recorded: dict[str, Array], name: str) -> dict[str, list[float]]:
 def faults(outcome: Outcome) -> list[dict[str, Any]]:
     """Return why the run did not come to its end: one entry, the Stop frame that ended it; none if it did."""
     if not outcome.log.frames:
-        return [_fault(0.0, "dsp", "set-up failed", outcome.reports["dsp"]["fault"])]
+        return [_fault(0.0, "dsp", "set-up failed", outcome.reports.get("dsp", {}).get("fault", ""))]
     end_ns, identifier, data, sender = outcome.log.frames[-1]
     if identifier != STOP_IDENTIFIER or len(data) != 1:
         return [_fault(end_ns * 1e-9, "bus", "no Stop", "the frames end without one")]
