@@ -7,6 +7,7 @@ import json
 import tempfile
 import time
 from collections.abc import Collection
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 
@@ -21,7 +22,11 @@ from hil.processes import START_S, Processes
 from hil.rig import Outcome, Progress, no_progress
 from hil.scenario import Scenario
 from hil.watchdog import Notice, watchdog
+from hil.wire.participants import OnWait
 from hil.witness import Witness
+
+OPERATOR = 1
+"""Reason of a Stop, as in arm.dbc."""
 
 
 def run_on_bus(
@@ -45,13 +50,17 @@ def run_on_bus(
     port = CanPort(place.interface, place.channel, None, **place.options)
     try:
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
-            nodes = _processes(scenario, place, Path(folder))
+            nodes, witness = _processes(scenario, place, Path(folder)), Witness(scenario, codec)
             try:
                 for name in external:
                     notice(expectation(codec, name))
                 _start(nodes, own)
-                return _watch(scenario, codec, port, nodes, progress, notice, patience_s, began)
+                _watch(witness, port, nodes, progress, watchdog(notice, patience_s))
+                return _outcome(scenario, witness, nodes, began)
             finally:
+                if not witness.stopped:
+                    with suppress(NodeError):
+                        port.send(codec["Stop"].identifier, codec["Stop"].pack(OPERATOR))
                 nodes.end()
     except OSError as error:
         raise OutputError(f"temporary files of the run: {error.strerror}; make room, or set TMPDIR") from None
@@ -84,33 +93,22 @@ def _start(nodes: Processes, own: Collection[str]) -> None:
     nodes.start([name for name in own if name == "dsp"])
 
 
-def _watch(
-    scenario: Scenario,
-    codec: Codec,
-    port: CanPort,
-    nodes: Processes,
-    progress: Progress,
-    notice: Notice,
-    patience_s: float,
-    began: float,
-) -> Outcome:
-    """Listen until Stop, and see to it that there is one."""
-    witness, on_wait = Witness(scenario, codec), watchdog(notice, patience_s)
+def _watch(witness: Witness, port: CanPort, nodes: Processes, progress: Progress, on_wait: OnWait) -> None:
+    """Listen until Stop; look after our nodes, and after whoever keeps the others waiting."""
     moved = time.monotonic()
-    try:
-        while not witness.stopped:
-            heard = port.receive(QUIET_S)
-            now = time.monotonic()
-            if heard is not None and witness.hear(*heard):
-                moved = now
-                if witness.begins_cycle(heard[0]):
-                    progress(max(0.0, witness.cycle / scenario.cycles))
-            elif heard is None:
-                nodes.check(name for name, process in nodes.processes.items() if process.poll() is not None)
-                on_wait(witness.missing(), now - moved)
-    finally:
-        if not witness.stopped:
-            port.send(codec["Stop"].identifier, codec["Stop"].pack(1))
+    while not witness.stopped:
+        heard = port.receive(QUIET_S)
+        now = time.monotonic()
+        if heard is not None and witness.hear(*heard):
+            moved = now
+            if witness.begins_cycle(heard[0]):
+                progress(witness.done)
+        elif heard is None:
+            nodes.check(name for name, process in nodes.processes.items() if process.poll() is not None)
+            on_wait(witness.missing(), now - moved)
+
+
+def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, began: float) -> Outcome:
     ended = time.perf_counter()
     started = ended if witness.began is None else witness.began
     wall_s, setup_wall_s = ended - started, started - began

@@ -18,6 +18,7 @@ class Witness:
         self.stopped = False
         self.strange = 0
         self._period_ns = scenario.period_ns
+        self._cycles = scenario.cycles
         self._names = {frame.identifier: name for name, frame in codec.items()}
         self._sync, self._stop = codec["Sync"], codec["Stop"]
         self._due = [name for name in cycle_frames(scenario.joints) if name != "State"]
@@ -38,6 +39,11 @@ class Witness:
         self._heard.add(name)
         self.log.watch(self.cycle * self._period_ns, identifier, data, sender_of(name))
         return moved
+
+    @property
+    def done(self) -> float:
+        """The share of the run that is done, 0 to 1."""
+        return min(max(self.cycle / self._cycles, 0.0), 1.0)
 
     def begins_cycle(self, identifier: int) -> bool:
         """Return whether a frame is a Sync."""

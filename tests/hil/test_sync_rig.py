@@ -100,9 +100,13 @@ def summary_of(outcome: Any) -> Any:
 @pytest.mark.usefixtures("street")
 def test_joint_that_is_stopped_for_a_while_holds_the_robot_still_and_changes_nothing(hil: Any) -> None:
     rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=1.0")
+    witness = CanPort("hil", "street", {0x080})
     pid = wait_for(lambda: node_of(rig.pid, "joint1"))
-    wait_for(lambda: cpu_s(pid) > 0.9)  # in the middle of the run, or nearly
+    for byte in (b"\xff", b"\x80"):  # the last cycle of the set-up, then cycle 128
+        while wait_for(lambda: witness.receive(1.0)) != (0x080, byte):
+            pass
     os.kill(pid, signal.SIGSTOP)
+    witness.close()
     time.sleep(1.5)
     assert rig.poll() is None
     os.kill(pid, signal.SIGCONT)
@@ -118,11 +122,6 @@ def node_of(rig: int, name: str) -> int | None:
         if name.encode() in words:
             return int(line)
     return None
-
-
-def cpu_s(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @pytest.mark.usefixtures("street")
