@@ -64,7 +64,7 @@ def main() -> int:
     folder = Path(order_path).parent
     try:
         order = json.loads(Path(order_path).read_text())
-        scenario, place = Scenario.model_validate(order["scenario"]), Place(*order["place"])
+        scenario, place = Scenario.model_validate(order["scenario"]), Place(*order["places"][name])
         report = play(scenario, name, place, folder / f"{name}.ready", os.getppid())
         write_report(report, folder / f"{name}.json")
     except HilError as error:

@@ -4,72 +4,30 @@ Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the e
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
 """
 
-import functools
 import json
 import os
-import signal
 import sys
 import time
-from collections.abc import Callable
 from datetime import datetime
 from importlib import metadata
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, ParamSpec
+from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 
 from hil.addresses import restart_at_fixed_addresses
-from hil.errors import FaultError, HilError, OutputError
+from hil.errors import FaultError, OutputError
+from hil.reported import reported
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
 Interface = Annotated[str, typer.Option("--interface", "-i", help="python-can interface; hil has virtual time.")]
 BusKwargs = Annotated[str, typer.Option("--bus-kwargs", help="More keywords for the interface, as JSON.")]
 
-P = ParamSpec("P")
-
-INTERRUPTED = 130
-
 ScenarioName = Annotated[str, typer.Argument(help="A built-in scenario's name, or a .toml file.")]
 Settings = Annotated[list[str], typer.Option("--set", metavar="PATH=VALUE", help="Set one value of the scenario.")]
 ChannelName = Annotated[str, typer.Option("--channel", "-c", help="Name of the bus.")]
-
-
-def reported(command: Callable[P, None]) -> Callable[P, None]:
-    """Turn an error of ours into its message and its family's exit code."""
-
-    @functools.wraps(command)
-    def run(*args: P.args, **kwargs: P.kwargs) -> None:
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, _terminate)
-        try:
-            command(*args, **kwargs)
-        except HilError as error:
-            _complain(str(error), error.exit_code)
-        except KeyboardInterrupt:
-            _complain("interrupted: everything was ended", INTERRUPTED)
-        except Terminated as end:
-            _complain(f"{end}: everything was ended", 128 + end.number)
-
-    return run
-
-
-def _complain(text: str, exit_code: int) -> NoReturn:
-    print(f"hil: {text}", file=sys.stderr)
-    raise typer.Exit(exit_code) from None
-
-
-class Terminated(BaseException):
-    """The process was told to end, by a signal other than Ctrl-C's."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(signal.Signals(number).name)
-        self.number = number
-
-
-def _terminate(number: int, _frame: Any) -> NoReturn:
-    raise Terminated(number)
 
 
 def _age_s() -> float:
@@ -103,6 +61,14 @@ def _place(interface: str, channel: str | None, bus_kwargs: str, clock: str) -> 
     return Place(interface, channel, options)
 
 
+def _channels(at: list[str]) -> dict[str, str]:
+    """Return the channel of each node that is not at the rig's."""
+    pairs = [each.partition("=") for each in at]
+    if not all(equals and channel for _, equals, channel in pairs):
+        raise typer.BadParameter(f"--at {' '.join(at)}: write NODE=CHANNEL, for example --at joint2=can1")
+    return {name: channel for name, _, channel in pairs}
+
+
 @app.command()
 @reported
 def run(
@@ -131,6 +97,9 @@ def run(
     external: Annotated[
         list[str], typer.Option("--external", metavar="NODE", help="Somebody else plays this node (repeatable).")
     ] = [],  # noqa: B006 (as above)
+    at: Annotated[
+        list[str], typer.Option("--at", metavar="NODE=CHANNEL", help="This node is at another channel (repeatable).")
+    ] = [],  # noqa: B006 (as above)
 ) -> None:
     """Run an experiment: every node a process, over CAN in virtual time, or on any CAN interface by the Sync frame."""
     from hil import experiment, record, scenario_file, show
@@ -143,8 +112,8 @@ def run(
     place = _place(interface, channel, bus_kwargs, clock or chosen.clock.kind)
     if inline and (pace is not None or place is not None):
         raise typer.BadParameter("--inline with --pace, --interface or --clock sync: leave --inline out")
-    if place is None and external:
-        raise typer.BadParameter("--external needs a bus that others can join in their own time: --clock sync")
+    if place is None and (external or at):
+        raise typer.BadParameter("--external and --at need a bus without time of its own: --clock sync")
     if out is None and not as_json:
         out = Path("runs") / f"{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
     if out is not None:
@@ -154,7 +123,7 @@ def run(
         for text in warnings(chosen):
             notice(f"warning: {text}")
         if place is not None:
-            outcome = run_on_bus(chosen, place, external, step, notice, patience or inf)
+            outcome = run_on_bus(chosen, place, external, _channels(at), step, notice, patience or inf)
         elif inline:
             outcome = run_inline(chosen, step)
         else:

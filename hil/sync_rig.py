@@ -6,10 +6,11 @@ The rig itself only listens. Its log has every frame of the run at the beginning
 import json
 import tempfile
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from math import inf
 from pathlib import Path
+from types import MappingProxyType
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
@@ -33,16 +34,17 @@ def run_on_bus(
     scenario: Scenario,
     place: Place,
     external: Collection[str] = (),
+    elsewhere: Mapping[str, str] = MappingProxyType({}),
     progress: Progress = no_progress,
     notice: Notice = lambda _text: None,
     patience_s: float = inf,
 ) -> Outcome:
-    """Run a scenario by the Sync frame; external: nodes that somebody else plays.
+    """Run a scenario by the Sync frame; external: nodes that somebody else plays; elsewhere: channels by node.
 
     Raises NodeError naming a node of ours that died, or whoever has not answered for patience_s; the robot is stopped.
     """
     began = time.perf_counter()
-    for name in external:
+    for name in (*external, *elsewhere):
         check_node_name(scenario, name)
     scenario, codec = by_sync(scenario), load_arm()
     build_nodes(scenario)
@@ -50,7 +52,7 @@ def run_on_bus(
     port = CanPort(place.interface, place.channel, None, **place.options)
     try:
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
-            nodes, witness = _processes(scenario, place, Path(folder)), Witness(scenario, codec)
+            nodes, witness = _processes(scenario, place, elsewhere, Path(folder)), Witness(scenario, codec)
             try:
                 for name in external:
                     notice(expectation(codec, name))
@@ -74,9 +76,10 @@ def by_sync(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"bus": bus, "clock": scenario.clock.model_copy(update={"kind": "sync"})})
 
 
-def _processes(scenario: Scenario, place: Place, folder: Path) -> Processes:
+def _processes(scenario: Scenario, place: Place, elsewhere: Mapping[str, str], folder: Path) -> Processes:
     order = folder / "order.json"
-    order.write_text(json.dumps({"scenario": scenario.model_dump(mode="json"), "place": place}))
+    places = {name: place._replace(channel=elsewhere.get(name, place.channel)) for name in scenario.node_names}
+    order.write_text(json.dumps({"scenario": scenario.model_dump(mode="json"), "places": places}))
     return Processes(folder, lambda name: ["hil.can_node", str(order), name])
 
 

@@ -188,8 +188,9 @@ REFUSED = {
     ("-i", "nonsense", "-c", "x"): (4, "interface 'nonsense', channel 'x'"),
     ("-i", "hil", "-c", "nobody", "--clock", "sync"): (4, "no bus is running there"),
     ("-i", "hil", "-c", "nobody", "--clock", "sync", "--inline"): (2, "leave --inline out"),
-    ("--external", "joint2"): (2, "--external needs a bus"),
+    ("--external", "joint2"): (2, "--external and --at need a bus"),
     ("-i", "hil", "-c", "x", "--clock", "sync", "--external", "joint9"): (3, "no node 'joint9'"),
+    ("-i", "hil", "-c", "x", "--clock", "sync", "--at", "joint1"): (2, "write NODE=CHANNEL"),
 }
 
 
@@ -205,6 +206,19 @@ def test_what_cannot_be_is_refused_with_the_cure(words: tuple[str, ...], hil: An
 def test_interface_that_is_not_there_says_what_is_missing() -> None:
     with pytest.raises(ChannelError, match="interface 'socketcan', channel 'vcan9'"):
         CanPort("socketcan", "vcan9", None)
+
+
+def test_nodes_on_two_channels_with_a_bridge_between_them_are_one_robot(hil: Any) -> None:
+    """python-can's own bridge carries the frames; the rig and its nodes do not know of it."""
+    hil.bus("here there")
+    bridge = hil.program("can.bridge", "--bus1-interface", "hil", "--bus1-channel", "here",
+                         "--bus2-interface", "hil", "--bus2-channel", "there")  # fmt: skip
+    scenario = scenario_file.load("paper-joint", SHORT)
+    elsewhere = {"joint1": "there", "joint3": "there"}
+    time.sleep(2.0)  # until the bridge listens; it says nothing when it does
+    outcome = run_on_bus(scenario, Place("hil", "here", {}), elsewhere=elsewhere, patience_s=20.0)
+    bridge.terminate()
+    assert data_of(outcome.log.frames) == data_of(functional(*SHORT).log.frames)
 
 
 def test_unknown_external_node_is_refused() -> None:
