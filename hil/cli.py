@@ -12,13 +12,16 @@ from datetime import datetime
 from importlib import metadata
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 
 from hil.addresses import restart_at_fixed_addresses
 from hil.errors import FaultError, OutputError
 from hil.reported import reported
+
+if TYPE_CHECKING:
+    from hil.rig import Outcome
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -102,7 +105,7 @@ def run(
     ] = [],  # noqa: B006 (as above)
 ) -> None:
     """Run an experiment: every node a process, over CAN in virtual time, or on any CAN interface by the Sync frame."""
-    from hil import experiment, record, scenario_file, show
+    from hil import scenario_file, show
     from hil.processes import run_processes
     from hil.rig import run_inline
     from hil.sync_rig import run_on_bus
@@ -114,10 +117,7 @@ def run(
         raise typer.BadParameter("--inline with --pace, --interface or --clock sync: leave --inline out")
     if place is None and (external or at):
         raise typer.BadParameter("--external and --at need a bus without time of its own: --clock sync")
-    if out is None and not as_json:
-        out = Path("runs") / f"{chosen.name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
-    if out is not None:
-        record.check_new(out)
+    out = _folder(out, as_json, chosen.name)
     age_s = _age_s()
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, notice):
         for text in warnings(chosen):
@@ -130,6 +130,24 @@ def run(
             outcome = run_processes(
                 chosen, channel or f"run-{os.getpid()}", step, notice, patience or 20.0, pace or inf
             )
+    _conclude(outcome, age_s, as_json, out)
+
+
+def _folder(out: Path | None, as_json: bool, name: str) -> Path | None:
+    """Return the folder to write to, one of its own in runs/ by default; refuse one that holds something."""
+    from hil import record
+
+    if out is None and not as_json:
+        out = Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
+    if out is not None:
+        record.check_new(out)
+    return out
+
+
+def _conclude(outcome: "Outcome", age_s: float, as_json: bool, out: Path | None) -> None:
+    """Evaluate a run, write and show it; a run that stopped itself is an error."""
+    from hil import experiment, show
+
     result = experiment.examine(outcome, age_s + outcome.setup_wall_s)
     if out is not None:
         experiment.write(result, out)
@@ -229,14 +247,11 @@ def paper(
     jobs: Annotated[int | None, typer.Option(min=1, max=256, help="Runs at a time; default: one a CPU.")] = None,
 ) -> None:
     """Reproduce the paper: every table, figure and claim beside what the rig does."""
-    from hil import record, show
+    from hil import show
     from hil.paper import reproduce
     from hil.paper.report import to_json
 
-    if out is None and not as_json:
-        out = Path("runs") / f"paper-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
-    if out is not None:
-        record.check_new(out)
+    out = _folder(out, as_json, "paper")
     with show.progress("paper", quiet=as_json) as (step, _notice):
         found = reproduce.reproduce(out, jobs, step, only)
     print(json.dumps(to_json(found), allow_nan=False)) if as_json else show.report(found, bool(only), out)
