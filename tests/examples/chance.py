@@ -2,7 +2,7 @@
 
 from dbc.crc import crc16
 from dbc.status import Status
-from firmware_py.joint_cpu import FAULT, INIT, RUN, SIGNALS, TABLE_CRC, JointCPU
+from firmware_py.joint_cpu import INIT, READY, RUN, SIGNALS, TABLE_CRC, JointCPU
 from firmware_py.words import Words
 from tests.examples.transcript import Recorded
 
@@ -29,7 +29,9 @@ class Life:
         self.cycle = -chance.randint(5, 600)
         self.count = chance.randrange(0x10000)
         self.speed = 0
+        self.drought = 0
         self.clean = chance.random() < 0.5
+        self.timed = chance.random() < 0.5  # under `sync` silence is no time
         self.table, self.index = self._table(), 0
 
     def _table(self):
@@ -45,20 +47,24 @@ class Life:
         return self.chance.random() < probability * (0.1 if self.clean else 1.0)
 
     def live(self, cycles):
-        """Carry the joint through so many cycles; a fault that lasted long enough is followed by a new joint's life."""
+        """Carry the joint through so many cycles."""
         for _ in range(cycles):
             self.cycle += 1
-            if self.seldom(0.01):
+            if self.seldom(0.01) or (self.drought == 2 and self.chance.random() < 0.5):
                 self.cycle += self.chance.randint(1, 4)
             self._one()
 
     def _one(self):
         chance, cpu = self.chance, self.cpu
-        if cpu.state == RUN and cpu.timer_ns < self.cycle * self.period_ns:
+        if self.timed and cpu.state == RUN and cpu.timer_ns < self.cycle * self.period_ns:
             self.joint.on_timer(cpu.timer_ns)
         if cpu.state == INIT and chance.random() < 0.6 or self.seldom(0.02):
             self._parameter()
-        if cpu.state != INIT and not self.seldom(0.03):
+        if cpu.state == RUN and self.seldom(0.005):
+            self.drought = 4
+        self.drought = max(0, self.drought - 1)
+        waits = cpu.state == INIT or (cpu.state == READY and chance.random() < 0.8)
+        if not (waits or self.drought or self.seldom(0.03)):
             self._reference()
         if self.seldom(0.002):
             self.joint.on_frame(self.stop.identifier, self._damaged(self.stop.pack(chance.randint(0, 7))), self._now())
@@ -104,8 +110,3 @@ class Life:
         cycle = self.cycle - 1 - (chance.randint(-2, 3) if self.seldom(0.03) else 0)
         data = self.accel_ref.pack(*(max(-0x8000, min(0x7FFF, value)) for value in values), cycle & 0xFF)
         self.joint.store(self.accel_ref.identifier, self._damaged(data), self._now())
-
-    @property
-    def over(self):
-        """It is in fault, for good."""
-        return self.cpu.state == FAULT

@@ -3,13 +3,13 @@
 import shutil
 import subprocess
 from collections import Counter
+from functools import cache
 from random import Random
 
 import numpy as np
 import pytest
 
 from dbc.compiler import load_arm
-from examples.joint_c import node
 from firmware_py.joint_cpu import FAULTS, SIGNALS, STATES, make_step
 from firmware_py.words import Words
 from hil.assemble import build_nodes
@@ -24,7 +24,7 @@ from tests.firmware_py.test_step import make_rows
 IN_C = "joint2.cpu=examples.joint_c.node:CJoint"
 FUNCTIONAL = "bus.fidelity=functional"
 RUNS = ("paper-joint", "paper-task", "load-step")
-LIVES = 60
+LIVES = 120
 CYCLES = 1000
 
 
@@ -33,7 +33,22 @@ def codec():
     return load_arm()
 
 
-# -- in the loop --
+# -- runs --
+
+
+@cache
+def record(name, *settings):
+    """Run a scenario inline; return all frames, and the joints with what they were told and answered."""
+    scenario = load(name, settings)
+    kernel = make_kernel(scenario)
+    recorder = Recorder(kernel, load_arm())
+    nodes = [Recorded(each) if each.name.startswith("joint") else each for each in build_nodes(scenario, compiled=True)]
+    for each in nodes:
+        kernel.join(Direct(each))
+    kernel.start()
+    while not kernel.stopped and kernel.next_ns is not None:
+        kernel.run(kernel.now_ns + scenario.period_ns)
+    return recorder.log, [each for each in nodes if each.name.startswith("joint")]
 
 
 @pytest.mark.parametrize("settings", [(), (FUNCTIONAL,)], ids=["bits", "functional"])
@@ -41,27 +56,11 @@ def codec():
 def test_a_run_with_joint_2_in_c_is_the_same_run(built, monkeypatch, name, settings):
     """The whole frame log: what joint 2 sends, when, and what all others make of it."""
     monkeypatch.setenv("HIL_JOINT_LIBRARY", str(built.library))
-    python = run_inline(load(name, settings), compiled=False)
-    c = run_inline(load(name, (*settings, IN_C)), compiled=False)
-    assert c.log.frames == python.log.frames
-    assert c.log.sha256() == python.log.sha256()
-    assert c.reports["joint2"] == python.reports["joint2"]
-
-
-# -- outside of the loop --
-
-
-def record(scenario):
-    """Run a scenario inline; return all joints, with what they were told and answered."""
-    kernel = make_kernel(scenario)
-    Recorder(kernel, load_arm())
-    nodes = [Recorded(each) if each.name.startswith("joint") else each for each in build_nodes(scenario)]
-    for each in nodes:
-        kernel.join(Direct(each))
-    kernel.start()
-    while not kernel.stopped and kernel.next_ns is not None:
-        kernel.run(kernel.now_ns + scenario.period_ns)
-    return [each for each in nodes if each.name.startswith("joint")]
+    log, joints = record(name, *settings)
+    c = run_inline(load(name, (*settings, IN_C)))
+    assert c.log.frames == log.frames
+    assert c.log.sha256() == log.sha256()
+    assert c.reports["joint2"] == joints[1].report()
 
 
 def fault(kind, **values):
@@ -74,24 +73,23 @@ FAULTY = {
     "lost encoders": fault("receive overrun", node="joint2", from_s=0.0504, to_s=0.0515),
     "two lost encoders": fault("receive overrun", node="joint2", from_s=0.0504, to_s=0.0525),
     "silence": fault("cut off", node="joint2", from_s=0.05, to_s=0.06),
-    "late references": fault("queue delay", node="dsp", from_s=0.05, to_s=0.0515, delay_us=400.0),
+    "late references": fault("queue delay", node="dsp", from_s=0.05, to_s=0.0515, delay_us=700.0),
     "no references": fault("queue delay", node="dsp", from_s=0.05, to_s=0.06, delay_us=900.0),
-    "an encoder twice": fault("bit error", identifier=0x102, occurrence=300, bit=-2, at=("plant",)),
+    "an encoder twice": fault("bit error", identifier=0x102, occurrence=300, bit=-2, at=["dsp"]),
     "saturation": "joint.limit_A=0.5",
 }
 
 
 @pytest.mark.parametrize("name", [*RUNS, "one-joint", "five-joints"])
 def test_every_joint_of_a_run_is_played_by_the_core(built, sanitized, name):
-    for joint in record(load(name)):
+    for joint in record(name)[1]:
         same(joint, built.replay)
         same(joint, sanitized)
 
 
 @pytest.mark.parametrize("name", FAULTY)
 def test_a_disturbed_run_too(built, short_settings, name):
-    scenario = load("paper-joint", (*short_settings[1::2], FAULTY[name]))
-    joints = record(scenario)
+    _, joints = record("paper-joint", *short_settings[1::2], FAULTY[name])
     counters = [value for key, value in joints[1].report().items() if key not in ("saturations", "skipped_status")]
     assert any(counters) or any(joints[1].report()["saturations"].values())
     for joint in joints:
@@ -120,7 +118,7 @@ def lives(codec):
 def test_chance_leads_everywhere(lives, codec):
     """What the comparison below would not see without it."""
     states = sum((states for _, states in lives), Counter())
-    assert all(states[name] > 300 for name in STATES), states
+    assert all(states[name] > 200 for name in STATES), states
     assert {life.cpu.fault for life, _ in lives} >= {FAULTS.index(name) for name in FAULTS[1:3]}
     for counter in ("crc_errors", "strikes", "missed_encoders", "repeated_encoders", "skipped_status"):
         assert sum(life.cpu.report()[counter] for life, _ in lives) > 30, counter
@@ -248,9 +246,3 @@ def test_the_core_needs_no_clock_no_heap_and_no_socket(built):
     undefined = subprocess.run(["nm", "-D", "--undefined-only", str(built.library)], capture_output=True, text=True)
     names = {line.split()[-1].split("@")[0] for line in undefined.stdout.splitlines()}
     assert {each for each in names if not each.startswith("_")} <= {"memcpy", "memset"}
-
-
-def test_node_and_header_agree(built):
-    """The report's part of struct joint lies within it."""
-    memory = node.CDLL(str(built.library)) if hasattr(node, "CDLL") else node.ctypes.CDLL(str(built.library))
-    assert node.ctypes.sizeof(node.Head) <= memory.joint_size()
