@@ -175,6 +175,8 @@ int main(int argc, char **argv)
     }
     joint_init(&joint, (uint8_t)number, (uint8_t)joints, period_us * 1000, 0, 0);
     join(&bus, argv[optind], (uint32_t)number);
+    printf("joint%ld on %s: waits for the set-up\n", number, argv[optind]);
+    fflush(stdout);
     play(&joint, &bus, by_the_wall);
     printf("joint%ld: the run is over; fault %u, %u cycles, %u strikes, %u missed encoders, %u CRC errors, %lu waits\n",
            number, joint.fault, (unsigned)joint.cycles, (unsigned)joint.strikes, (unsigned)joint.missed_encoders,

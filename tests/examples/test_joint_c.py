@@ -48,7 +48,12 @@ def record(name, *settings):
     kernel.start()
     while not kernel.stopped and kernel.next_ns is not None:
         kernel.run(kernel.now_ns + scenario.period_ns)
-    return recorder.log, [each for each in nodes if each.name.startswith("joint")]
+    joints = [each for each in nodes if each.name.startswith("joint")]
+    end_ns, identifier, data, _ = recorder.log.frames[-1]
+    for each in joints:
+        if not each.finished:  # the kernel stops with this frame; on a bus, everybody hears it
+            each.on_frame(identifier, data, end_ns)
+    return recorder.log, joints
 
 
 @pytest.mark.parametrize("settings", [(), (FUNCTIONAL,)], ids=["bits", "functional"])
