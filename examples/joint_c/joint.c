@@ -1,3 +1,6 @@
+/*
+ * The state machine of one joint's CPU: set-up, strikes, missing frames, faults.
+ */
 #include "joint.h"
 
 #include <string.h>
@@ -9,9 +12,17 @@ enum { RUN = ARM_STATE_1_STATE_RUN_CHOICE, FAULT = ARM_STATE_1_STATE_FAULT_CHOIC
 enum { SHIFT = ARM_PARAMETER_1_INDEX_SHIFT_CHOICE, CURRENT_LIMIT, TABLE_CRC };
 enum { MISSES_TO_FAULT = 3, JOINTS_A_FRAME = 3 };
 
+static void enter_fault(struct joint *joint, uint8_t fault)
+{
+    if (joint->state != FAULT)
+        joint->fault = fault;
+    joint->state = FAULT;
+    joint->timer_ns = JOINT_NO_TIMER;
+}
+
 /* -- parameters over CAN -- */
 
-/* A shift to the left and a limit that no word can hold are no parameters, whatever their CRC says. */
+/* With a shift to the left, or a limit that no word can hold, the step cannot compute, whatever their CRC says. */
 static bool usable(const int16_t *table)
 {
     return table[SHIFT] >= 0 && table[CURRENT_LIMIT] > INT16_MIN;
@@ -23,13 +34,15 @@ static void write_parameter(struct joint *joint, const struct arm_parameter_1_t 
     if (parameter->index < TABLE_CRC) {
         joint->law.table[parameter->index] = parameter->value;
         joint->state = INIT;
-    } else if ((uint16_t)parameter->value == table_crc(joint->law.table) && usable(joint->law.table)) {
+    } else if ((uint16_t)parameter->value != table_crc(joint->law.table)) {
+        joint->fault = ARM_STATE_1_FAULT_PARAMETERS_CHOICE;
+    } else if (!usable(joint->law.table)) {
+        enter_fault(joint, ARM_STATE_1_FAULT_PARAMETERS_CHOICE);
+    } else {
         joint->state = READY;
         joint->fault = ARM_STATE_1_FAULT_NONE_CHOICE;
         joint->reference.full = false;
         joint->strikes_in_a_row = 0;
-    } else {
-        joint->fault = ARM_STATE_1_FAULT_PARAMETERS_CHOICE;
     }
 }
 
@@ -53,14 +66,6 @@ static void take_parameter(struct joint *joint, struct joint_out *out)
 }
 
 /* -- the state machine -- */
-
-static void enter_fault(struct joint *joint, uint8_t fault)
-{
-    if (joint->state != FAULT)
-        joint->fault = fault;
-    joint->state = FAULT;
-    joint->timer_ns = JOINT_NO_TIMER;
-}
 
 /* Take this joint's value from the AccelRef of the cycle before, never another; return whether it was there. */
 static bool take_reference(struct joint *joint, uint8_t cycle)

@@ -59,15 +59,19 @@ class Life:
         if self.timed and cpu.state == RUN and cpu.timer_ns < self.cycle * self.period_ns:
             self.joint.on_timer(cpu.timer_ns)
         if cpu.state == INIT and chance.random() < 0.6 or self.seldom(0.02):
-            self._parameter()
+            self.parameter_frame()
         if cpu.state == RUN and self.seldom(0.005):
             self.drought = 4
         self.drought = max(0, self.drought - 1)
         waits = cpu.state == INIT or (cpu.state == READY and chance.random() < 0.8)
         if not (waits or self.drought or self.seldom(0.03)):
-            self._reference()
+            self.reference_frame()
         if self.seldom(0.002):
             self.joint.on_frame(self.stop.identifier, self._damaged(self.stop.pack(chance.randint(0, 7))), self._now())
+        self.encoder_frame()
+
+    def encoder_frame(self):
+        chance = self.chance
         self.speed = max(-900, min(900, self.speed + round(chance.gauss(0, chance.choice((1, 1, 1, 30))))))
         self.count = (self.count + self.speed) & 0xFFFF
         if self.seldom(0.01):
@@ -88,7 +92,7 @@ class Life:
         bit = chance.randrange(8 * len(data))
         return bytes(byte ^ (1 << bit % 8 if at == bit // 8 else 0) for at, byte in enumerate(data))
 
-    def _parameter(self):
+    def parameter_frame(self):
         """The next entry of the table, or any; after the last, a new table."""
         chance = self.chance
         check = crc16(b"".join((value & 0xFFFF).to_bytes(2, "little") for value in self.table))
@@ -104,7 +108,7 @@ class Life:
         data = self.parameter.pack(index, value, chance.choice((1, 1, 7)))
         self.joint.store(self.parameter.identifier, self._damaged(data), self._now())
 
-    def _reference(self):
+    def reference_frame(self):
         chance = self.chance
         values = [round(chance.gauss(0, chance.choice((50, 50, 8000)))) for _ in range(3)]
         cycle = self.cycle - 1 - (chance.randint(-2, 3) if self.seldom(0.03) else 0)

@@ -1,0 +1,57 @@
+"""docs/board.md: its tables are those of the database, its frames those of a run, its commands work."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dbc.crc import crc8, crc16
+from tests.board_page import PAGE, with_blocks
+from tests.examples.conftest import ROOT, SOURCES
+
+TEXT = PAGE.read_text()
+
+
+def test_what_is_generated_is_what_the_page_shows() -> None:
+    assert with_blocks(TEXT) == TEXT, "python -m tests.board_page writes it anew"
+
+
+def test_the_commands_of_the_page_work(built, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """In a copy of what they need; `built` skips loudly where there is no compiler."""
+    for name in ("examples", "dbc"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("build", "__pycache__"))
+    env = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    (block,) = re.findall(r"^```sh\n(.*?)^```", TEXT, re.M | re.S)
+    make, run = block.splitlines()
+    for command in (make, run, run.split(" --set")[0]):
+        done = subprocess.run(command.split(), cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        if command == run:
+            in_c = json.loads(done.stdout)["frame_log_sha256"]
+    assert json.loads(done.stdout)["frame_log_sha256"] == in_c
+
+
+@pytest.mark.parametrize("target", re.findall(r"\]\((?!http)(.*?)\)", TEXT))
+def test_what_the_page_points_to_is_there(target: str) -> None:
+    assert (PAGE.parent / target).exists()
+
+
+def test_the_calls_and_the_usage_are_the_real_ones() -> None:
+    header = (SOURCES / "joint.h").read_text()
+    for name, arguments in re.findall(r"`(joint_\w+)\((.*?)\)`", TEXT):
+        declared = re.search(rf"{name}\((.*?)\);", header, re.S)
+        assert declared
+        names = [each.split()[-1].lstrip("*") for each in declared[1].split(",")]
+        assert [each.strip().lstrip("&") for each in arguments.split(",")] == names
+    assert "INTERFACE NUMBER [-j JOINTS] [-p PERIOD_US] [-w]" in (SOURCES / "main_socketcan.c").read_text()
+
+
+def test_the_check_values_of_the_page_are_those_of_the_checksums() -> None:
+    assert [f"0x{value:X}" for value in (crc8(b"123456789"), crc16(b"123456789"))] == re.findall(
+        r'"123456789" gives (0x\w+)', TEXT
+    )
