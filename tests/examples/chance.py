@@ -1,4 +1,4 @@
-"""A joint's life by chance: set-up right and wrong, damaged, late, lost and repeated frames, Stop, silence, saturation."""
+"""A joint's life by chance: right and wrong parameters, damaged, lost and repeated frames, Stop, silence, saturation."""
 
 from dbc.crc import crc16
 from dbc.status import Status
@@ -58,7 +58,7 @@ class Life:
         chance, cpu = self.chance, self.cpu
         if self.timed and cpu.state == RUN and cpu.timer_ns < self.cycle * self.period_ns:
             self.joint.on_timer(cpu.timer_ns)
-        if cpu.state == INIT and chance.random() < 0.6 or self.seldom(0.02):
+        if (cpu.state == INIT and chance.random() < 0.6) or self.seldom(0.02):
             self.parameter_frame()
         if cpu.state == RUN and self.seldom(0.005):
             self.drought = 4

@@ -11,18 +11,19 @@ from pathlib import Path
 import pytest
 
 from dbc.crc import crc8, crc16
-from tests.board_page import PAGE, with_blocks
+from tests.examples.board_page import PAGE, with_blocks
 from tests.examples.conftest import ROOT, SOURCES
 
 TEXT = PAGE.read_text()
 
 
 def test_what_is_generated_is_what_the_page_shows() -> None:
-    assert with_blocks(TEXT) == TEXT, "python -m tests.board_page writes it anew"
+    assert with_blocks(TEXT) == TEXT, "python -m tests.examples.board_page writes it anew"
 
 
-def test_the_commands_of_the_page_work(built, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    """In a copy of what they need; `built` skips loudly where there is no compiler."""
+@pytest.mark.usefixtures("built")  # which skips loudly where there is no compiler
+def test_the_commands_of_the_page_work(tmp_path: Path) -> None:
+    """In a copy of what they need."""
     for name in ("examples", "dbc"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("build", "__pycache__"))
     env = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

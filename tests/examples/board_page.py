@@ -1,4 +1,7 @@
-"""What docs/board.md shows of the database and of a run, made anew: `python -m tests.board_page` writes it into the page."""
+"""What docs/board.md shows of the database and of a run, made anew.
+
+`python -m tests.examples.board_page` writes it into the page.
+"""
 
 import re
 from importlib.resources import as_file, files
@@ -12,7 +15,7 @@ from firmware_py.words import InstrumentedWords
 from tests.examples.test_joint_c import record
 from tests.examples.transcript import CALL
 
-PAGE = Path(__file__).parents[1] / "docs" / "board.md"
+PAGE = Path(__file__).parents[2] / "docs" / "board.md"
 NODE = "JOINT2"
 T_NS = 1_000_000
 SHOWN = 700
@@ -27,8 +30,8 @@ def block(name):
 def with_blocks(text):
     """Return the page with all its generated parts made anew."""
     for name, make in {"frames": frames, "set-up": set_up, "run": beginning, "step": step}.items():
-        text, count = block(name).subn(lambda found, made=make(): f"{found[1]}{made}{found[2]}", text)
-        assert count == 1, name
+        around = block(name).search(text)
+        text = text[: around.end(1)] + make() + text[around.start(2) :]
     return text
 
 
@@ -51,9 +54,10 @@ def frame(message):
         if len(message.senders) == 1
         else "from anybody"
     )
+    size = "1 byte" if message.length == 1 else f"{message.length} bytes"
     cycle = f", every {message.cycle_time} ms" if message.cycle_time else ""
     lines = [
-        f"**{message.name}**, 0x{message.frame_id:03X}, {message.length} byte{'s' * (message.length > 1)}, {way}{cycle}. {message.comment}\n",
+        f"**{message.name}**, 0x{message.frame_id:03X}, {size}, {way}{cycle}. {message.comment}\n",
         "| bytes | signal | type | a count is | meaning |",
         "| --- | --- | --- | --- | --- |",
         *(row(signal) for signal in sorted(message.signals, key=lambda signal: signal.start)),
@@ -119,7 +123,7 @@ def beginning():
 
 def step():
     """One step of the law in numbers."""
-    values = {name: 0 for name in ("count", "count_prev", "w_prev", "d", "a_ref")}
+    values = dict.fromkeys(("count", "count_prev", "w_prev", "d", "a_ref"), 0)
     table = None
     for cycle, message, _, fields in transcript():
         if message.name == "Acknowledge_2" and cycle < 0:
