@@ -1,4 +1,4 @@
-"""A joint's life by chance: right and wrong parameters, damaged, lost and repeated frames, Stop, silence, saturation."""
+"""A joint by chance: right and wrong parameters, damaged, lost and repeated frames, Stop, silence, saturation."""
 
 from dbc.crc import crc16
 from dbc.status import Status

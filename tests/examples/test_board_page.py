@@ -24,9 +24,10 @@ def test_what_is_generated_is_what_the_page_shows() -> None:
 @pytest.mark.usefixtures("built")  # which skips loudly where there is no compiler
 def test_the_commands_of_the_page_work(tmp_path: Path) -> None:
     """In a copy of what they need."""
-    for name in ("examples", "dbc"):
+    for name in ("examples/joint_c", "dbc"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("build", "__pycache__"))
     env = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
     (block,) = re.findall(r"^```sh\n(.*?)^```", TEXT, re.M | re.S)
     make, run = block.splitlines()
     for command in (make, run, run.split(" --set")[0]):
