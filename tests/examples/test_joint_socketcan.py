@@ -1,4 +1,4 @@
-"""The program in C as joint 2, over a CAN socket: where the kernel has none, over a socket pair in its place."""
+"""The program in C as joint 2, over vcan0 and two cards where there are such, and over a socket pair in their place."""
 
 import os
 import socket
@@ -59,35 +59,47 @@ class Program:
             return self.process.returncode, "".join(text)
 
 
-@pytest.fixture(params=["in its place", "vcan0"])
+def interfaces(kind):
+    """Return (ours, the program's); skip where there is no such interface. HIL_LAB_CARDS: two cards on one bus."""
+    ours, theirs = ("vcan0", "vcan0") if kind == "vcan0" else (os.environ.get("HIL_LAB_CARDS", "") + ",").split(",")[:2]
+    try:
+        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as probe:
+            probe.bind((ours,))
+    except OSError as error:
+        pytest.skip(f"no {kind} here: {error}")
+    return ours, theirs
+
+
+def can_socket(kind, fake, filters):
+    """Return our end, the program's interface, what its environment must say, and what it inherits."""
+    if kind != "in its place":
+        ours, theirs = interfaces(kind)
+        end = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        end.bind((ours,))
+        return end, theirs, {}, None
+    end, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    environment = {"LD_PRELOAD": str(fake), "FAKE_CAN_FD": str(other.fileno()), "FAKE_CAN_FILTERS": str(filters)}
+    return end, "vcan0", environment, other
+
+
+@pytest.fixture(params=["in its place", "vcan0", "cards"])
 def program(built, fake, tmp_path, request):
-    """Return a context: the program with these arguments."""
-    native = request.param == "vcan0"
-    if native:
-        try:
-            with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as probe:
-                probe.bind(("vcan0",))
-        except OSError as error:
-            pytest.skip(f"no vcan0 here: {error}")
+    """Return a context: the program with these arguments, on a CAN socket of this kind."""
 
     @contextmanager
     def start(*arguments):
-        if native:
-            end, theirs = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW), None
-            end.bind(("vcan0",))
-            extra, keep = {}, ()
-        else:
-            end, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            keep = (theirs.fileno(),)
-            extra = {"LD_PRELOAD": str(fake), "FAKE_CAN_FD": str(keep[0])}
-            extra["FAKE_CAN_FILTERS"] = str(tmp_path / "filters")
+        end, interface, environment, other = can_socket(request.param, fake, tmp_path / "filters")
         end.settimeout(10)
-        command = [str(built.program), *arguments]
         process = subprocess.Popen(
-            command, env=os.environ | extra, pass_fds=keep, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            [str(built.program), interface, *arguments],
+            env=os.environ | environment,
+            pass_fds=() if other is None else (other.fileno(),),
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
         )
-        if theirs is not None:
-            theirs.close()
+        if other is not None:
+            other.close()
         with end, process:
             try:
                 assert "waits for the set-up" in process.stdout.readline()
@@ -112,7 +124,7 @@ def play(program, joint):
 def test_a_whole_run_is_answered_like_the_python_joint(program, name):
     """In the order of frames, which is all that `sync` has; set-up, State and Heartbeat included."""
     _, (_, joint, _) = record(name, FUNCTIONAL)
-    with program("vcan0", "2") as joint2:
+    with program("2") as joint2:
         play(joint2, joint)
         code, text = joint2.finish()
     assert joint2.sent == joint.sent
@@ -131,7 +143,7 @@ def since_the_first_reference(sent):
 def test_the_cycle_is_known_from_the_first_reference_on(program, setup_cycles):
     """Encoder counts modulo 256: in a longer set-up nobody can say whose turn it is, from cycle 0 on anybody can."""
     _, (_, joint, _) = record("paper-joint", FUNCTIONAL, *SHORT, f"clock.setup_cycles={setup_cycles}")
-    with program("vcan0", "2") as joint2:
+    with program("2") as joint2:
         play(joint2, joint)
         joint2.finish()
     assert since_the_first_reference(joint2.sent) == since_the_first_reference(joint.sent)
@@ -140,7 +152,7 @@ def test_the_cycle_is_known_from_the_first_reference_on(program, setup_cycles):
 
 
 def test_it_asks_for_its_four_identifiers_and_no_more(program, tmp_path):
-    with program("vcan0", "4", "-j", "6"):
+    with program("4", "-j", "6"):
         pass
     if not (tmp_path / "filters").exists():
         pytest.skip("the kernel's filters cannot be read back")
@@ -154,7 +166,7 @@ def test_silence_is_a_fault_by_the_wall_clock_and_not_without(program):
     _, (_, joint, _) = record("paper-joint", FUNCTIONAL, *SHORT)
     calls = [call for call in joint.calls if CALL.unpack(call)[5] <= 5_000_000]
     joint = type("", (), {"calls": calls})
-    with program("vcan0", "2", "-w", "-p", "100000") as joint2:
+    with program("2", "-w", "-p", "100000") as joint2:
         play(joint2, joint)
         joint2.sent.clear()
         code, text = joint2.finish()
@@ -162,7 +174,7 @@ def test_silence_is_a_fault_by_the_wall_clock_and_not_without(program):
         assert joint2.sent[-2][1][:5] == bytes([0, 0, 0, 0, 5])
         assert joint2.sent[-1][1] == bytes([2])
         assert (code, "fault 1" in text) == (6, True)
-    with program("vcan0", "2") as joint2:
+    with program("2") as joint2:
         play(joint2, joint)
         with pytest.raises(subprocess.TimeoutExpired):
             joint2.process.wait(0.5)
