@@ -39,7 +39,6 @@ def built(tmp_path_factory):
         pytest.skip("NO C COMPILER: `cc` and `make` are not installed, so the joint in C is NOT TESTED")
     folder = tmp_path_factory.mktemp("joint_c")
     run("make", "-C", SOURCES, f"BUILD={folder}", f"CANTOOLS={sys.executable} -m cantools")
-    run("cc", *STRICT, "-O2", "-c", "-o", folder / "arm.o", folder / "arm.c")
     return SimpleNamespace(
         folder=folder,
         program=folder / "joint_socketcan",
