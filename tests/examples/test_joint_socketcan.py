@@ -166,7 +166,7 @@ def test_silence_is_a_fault_by_the_wall_clock_and_not_without(program):
     _, (_, joint, _) = record("paper-joint", FUNCTIONAL, *SHORT)
     calls = [call for call in joint.calls if CALL.unpack(call)[5] <= 5_000_000]
     joint = type("", (), {"calls": calls})
-    with program("2", "-w", "-p", "100000") as joint2:
+    with program("2", "-w", "-p", "300000") as joint2:
         play(joint2, joint)
         joint2.sent.clear()
         code, text = joint2.finish()
