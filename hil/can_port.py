@@ -6,8 +6,10 @@ txqueuelen (10 frames by default).
 """
 
 import errno
+import socket
 import time
 from collections.abc import Collection
+from contextlib import suppress
 from typing import Any
 
 import can
@@ -19,6 +21,10 @@ LONGEST_PAUSE_S = 10e-3
 GIVE_UP_S = 5.0
 """Wall time after which a frame that nobody takes ends the run: nobody acknowledges, or the bus is off."""
 STANDARD_MASK = 0x7FF
+ROOM_BYTES = 16 << 20
+"""What a socket may keep. A frame takes some 800 bytes, so the usual 208 KiB are 30 ms of a full bus."""
+SO_RCVBUFFORCE = 33
+"""Of asm-generic/socket.h; Python has no name for it."""
 
 
 class CanPort:
@@ -35,6 +41,17 @@ class CanPort:
             self.bus = can.Bus(interface=interface, channel=channel, can_filters=filters, **options)
         except Exception as error:  # every interface has its own way of saying so
             raise ChannelError(_refusal(interface, channel, error)) from None
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Let the kernel keep what comes while this process waits for a CPU (all of it if root asks)."""
+        stream = getattr(self.bus, "socket", None)
+        if not isinstance(stream, socket.socket) or not hasattr(socket, "AF_CAN") or stream.family != socket.AF_CAN:
+            return
+        for option in (SO_RCVBUFFORCE, socket.SO_RCVBUF):
+            with suppress(OSError):
+                stream.setsockopt(socket.SOL_SOCKET, option, ROOM_BYTES)
+                return
 
     def send(self, identifier: int, data: bytes) -> None:
         """Send a frame; raise NodeError where the bus takes none for GIVE_UP_S."""

@@ -115,7 +115,7 @@ def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, began: floa
     ended = time.perf_counter()
     started = ended if witness.began is None else witness.began
     wall_s, setup_wall_s = ended - started, started - began
-    return Outcome(scenario, "sync", witness.log, nodes.reports(), 0, wall_s, setup_wall_s, {}, witness.strange)
+    return Outcome(scenario, "sync", witness.log, nodes.reports(), 0, wall_s, setup_wall_s, {}, witness.lost)
 
 
 def expectation(codec: Codec, name: str) -> str:

@@ -9,14 +9,17 @@ from hil.scenario import Scenario
 
 
 class Witness:
-    """Hears every frame. began: wall time at cycle 0. strange: frames that the database does not know."""
+    """Hears every frame. began: wall time at cycle 0. strange: frames that the database does not know.
+
+    lost: frames that were on the bus, since the next Sync stands for them, and that the rig was too slow to hear.
+    """
 
     def __init__(self, scenario: Scenario, codec: Codec) -> None:
         self.log = FrameLog()
         self.cycle = -scenario.clock.setup_cycles - 1
         self.began: float | None = None
         self.stopped = False
-        self.strange = 0
+        self.strange = self.lost = 0
         self._period_ns = scenario.period_ns
         self._cycles = scenario.cycles
         self._names = {frame.identifier: name for name, frame in codec.items()}
@@ -53,6 +56,8 @@ class Witness:
         fields = self._sync.unpack(data)
         ahead = 0 if fields is None else (fields[0] - self.cycle) & 0xFF
         self.cycle += ahead
+        if ahead and self.cycle > 0:
+            self.lost += len([name for name in self._due if name not in self._heard]) + (ahead - 1) * len(self._due)
         if ahead:
             self._heard.clear()
         if self.began is None and self.cycle >= 0:
