@@ -26,7 +26,7 @@ class SyncDrive:
         self.listens = {*node.wakes_on, *node.stores, self.sync.identifier, self.stop.identifier}
         self.timer_ns: int | None = None
         self.stopped = False
-        self._question: tuple[int, int, bytes] | None = None
+        self._question: Frame | None = None
         self._answered_with: list[Frame] = []
 
     @property
@@ -54,8 +54,8 @@ class SyncDrive:
         return []
 
     def _answer(self, identifier: int, data: bytes) -> list[Frame]:
-        """Wake the node; a frame that comes again in the same cycle gets the same answer, and does not count twice."""
-        question = self.cycle, identifier, data
+        """Wake the node; a frame that comes again gets the same answer, and does not count twice."""
+        question = identifier, data
         if question != self._question:
             self._question = question
             self._answered_with = self._frames(self.node.on_frame(identifier, data, self.now_ns))
@@ -116,7 +116,7 @@ class DSPDrive(SyncDrive):
         super().__init__(node, scenario, codec)
         joints = range(1, scenario.joints + 1)
         self.currents = {codec[f"Current_{n}"].identifier: codec[f"Current_{n}"] for n in joints}
-        self.encoders = {codec[f"Encoder_{n}"].identifier for n in joints}
+        self.encoders = {codec[f"Encoder_{n}"].identifier: codec[f"Encoder_{n}"] for n in joints}
         self.listens |= self.currents.keys()
         self._held: set[int] = set()
         self._later: list[Frame] = []
@@ -131,7 +131,9 @@ class DSPDrive(SyncDrive):
     def hear(self, identifier: int, data: bytes) -> list[Frame]:
         """Take a frame; what is no Encoder counts from the end of the cycle on, when all of it is there."""
         if identifier in self.encoders:
-            return [] if self._answered else self._take_encoder(identifier, data)
+            fields = self.encoders[identifier].unpack(data)
+            old = fields is not None and fields[-1] != self.cycle & 0xFF  # said again to somebody who came late
+            return [] if self._answered or old else self._take_encoder(identifier, data)
         if identifier == self.stop.identifier:
             return super().hear(identifier, data)
         if identifier not in self.currents:

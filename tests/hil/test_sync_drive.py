@@ -112,6 +112,20 @@ def test_joint_that_comes_late_is_told_again_and_nothing_else_changes() -> None:
     assert payloads(ether.witness.log.frames) == payloads(run_inline(scenario).log.frames)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_said_again_in_set_up_counts_once_wherever_it_gets_between(seed: int) -> None:
+    """A slow machine: the DSP says Sync again though the first one was heard, at any moment, many times."""
+    scenario = load("paper-joint", **SHORT)
+    ether = Ether(scenario)
+    ether.start()
+    chance = random.Random(seed)
+    while ether.order:
+        if chance.random() < 0.05:
+            ether.say("dsp", ether.drives["dsp"].idle())
+        ether.carry()
+    assert data_of(payloads(ether.witness.log.frames)) == data_of(payloads(run_inline(scenario).log.frames))
+
+
 def test_in_the_run_nothing_is_said_twice() -> None:
     scenario = load("paper-joint", **SHORT)
     ether = Ether(scenario)
