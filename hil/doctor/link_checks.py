@@ -55,8 +55,8 @@ def missing(name: str) -> Finding:
     """Return what an interface comes to that is not there."""
     virtual = name if name.startswith("vcan") else "vcan0"
     cure = (
-        "`ip link` lists the interfaces; is the adapter plugged in, its driver loaded (`dmesg | grep -i can`)? A virtual "
-        f"one: sudo modprobe vcan; sudo ip link add dev {virtual} type vcan; sudo ip link set {virtual} up"
+        "`ip link` lists the interfaces; is the adapter plugged in, its driver loaded (`dmesg | grep -i can`)? "
+        f"A virtual one: sudo modprobe vcan; sudo ip link add dev {virtual} type vcan; sudo ip link set {virtual} up"
     )
     return Finding("interface", f"no {name}", "a CAN interface", "bad", cure)
 

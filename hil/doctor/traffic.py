@@ -34,7 +34,7 @@ CLASSES = {
 CURES = {
     "receive FIFO overrun": "frames were lost: the controller's FIFO is too small for the machine's interrupt latency",
     "transmit buffer overrun": "frames were lost: the driver was given more than it can hold",
-    "no acknowledgement": "nobody else is awake on this bus: switch a node on, at the same bit rate; check plug and wires",
+    "no acknowledgement": "nobody else is awake on this bus: switch a node on, at the same bit rate; check the wires",
     "restarted": "it came back from bus-off: " + WIRES,
     "transmission timed out": "the driver could not get rid of a frame: " + WIRES,
 }
