@@ -69,7 +69,7 @@ def _hil(place: Place, scenario: Scenario, listen_s: float) -> list[Finding]:
     try:
         connection, welcome = client.join(place.channel, "doctor", False, listen_only=True)
     except ChannelError as error:
-        return [Finding("bus", f"no {place.channel}", "a running bus", "bad", f"{error}: hil bus {place.channel}")]
+        return [Finding("bus", f"no {place.channel}", "a running bus", "bad", f"{error}: `hil bus {place.channel}`")]
     connection.close()
     place = place._replace(options=place.options | {"listen_only": True})
     return [

@@ -56,7 +56,7 @@ def missing(name: str) -> Finding:
     virtual = name if name.startswith("vcan") else "vcan0"
     cure = (
         "`ip link` lists the interfaces; is the adapter plugged in, its driver loaded (`dmesg | grep -i can`)? "
-        f"A virtual one: sudo modprobe vcan; sudo ip link add dev {virtual} type vcan; sudo ip link set {virtual} up"
+        f"A virtual one: `sudo modprobe vcan; sudo ip link add dev {virtual} type vcan; sudo ip link set {virtual} up`"
     )
     return Finding("interface", f"no {name}", "a CAN interface", "bad", cure)
 
@@ -64,7 +64,9 @@ def missing(name: str) -> Finding:
 def interface(link: Link) -> Finding:
     """Is it a CAN interface, and what could be asked about it?"""
     if not link.is_can:
-        return Finding("interface", f"{link.name} is not CAN", "a CAN interface", "bad", "`ip link show type can`")
+        return Finding(
+            "interface", f"{link.name} is not CAN", "a CAN interface", "bad", "`ip link` lists those that are: link/can"
+        )
     if link.source != "ip":
         value = f"{link.name}, of which only /sys/class/net tells"
         return Finding("interface", value, "a CAN interface", "unknown", link.source)
@@ -75,19 +77,23 @@ def up(link: Link, scenario: Scenario) -> Finding:
     """Is it up?"""
     if link.up:
         return Finding("up", "up", "up", "ok")
-    cure = f"sudo ip link set {link.name} up" if link.bitless or link.bitrate else set_up(link, scenario)
+    cure = _up(link) if link.bitless or link.bitrate else set_up(link, scenario)
     return Finding("up", "down", "up", "bad", cure)
 
 
-def set_up(link: Link, scenario: Scenario, more: str = "") -> str:
-    """Return the commands that set an interface up for a scenario; they want it down before."""
+def set_up(link: Link, scenario: Scenario) -> str:
+    """Return the commands that set an interface up for a scenario."""
     timing = f"bitrate {scenario.bus.bitrate} sample-point {recommended_point(scenario.bus.bitrate):g}"
-    return _again(link, f"{timing} restart-ms {RESTART_MS}{more}")
+    return _again(link, f"{timing} restart-ms {RESTART_MS}")
 
 
 def _again(link: Link, settings: str) -> str:
-    down = f"sudo ip link set {link.name} down; " if link.up else ""
-    return f"{down}sudo ip link set {link.name} type can {settings}; sudo ip link set {link.name} up"
+    """Return the commands that change settings, which only an interface that is down takes."""
+    return f"sudo ip link set {link.name} down; sudo ip link set {link.name} type can {settings}; {_up(link)}"
+
+
+def _up(link: Link) -> str:
+    return f"sudo ip link set {link.name} up"
 
 
 def _unread(name: str, limit: str, link: Link) -> Finding:
@@ -102,8 +108,7 @@ def bit_rate(name: str, link: Link, scenario: Scenario) -> Finding:
     if link.bitrate == scenario.bus.bitrate:
         return Finding(name, f"{link.bitrate} bit/s", limit, "ok")
     if link.bitrate:
-        cure = f"{set_up(link, scenario)}; or --set bus.bitrate={link.bitrate}, if a cycle fits"
-        return Finding(name, f"{link.bitrate} bit/s", limit, "bad", cure)
+        return Finding(name, f"{link.bitrate} bit/s", limit, "bad", set_up(link, scenario))
     if link.kind == "can" and link.source == "ip":
         return Finding(name, "not set", limit, "bad", set_up(link, scenario))
     return _unread(name, limit, link)
@@ -154,9 +159,9 @@ def error_state(name: str, link: Link, _scenario: Scenario) -> Finding:
 def state_cure(link: Link) -> str:
     """Return how a controller comes back to error-active."""
     if link.state in ("STOPPED", "SLEEPING"):
-        return f"sudo ip link set {link.name} up"
+        return _up(link)
     if link.state == "BUS-OFF":
-        return f"{WIRES}; then sudo ip link set {link.name} down; sudo ip link set {link.name} up"
+        return f"{WIRES}; then `sudo ip link set {link.name} down; {_up(link)}`"
     return f"{WIRES}; a node that is alone gets no acknowledgement, and becomes error-passive by that"
 
 

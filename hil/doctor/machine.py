@@ -107,7 +107,7 @@ def check_family(number: int) -> Finding:
     if number in (errno.EPERM, errno.EACCES):
         cure = "run as a user who may open CAN sockets; in a container, one that shares the host's network"
         return Finding("kernel", "CAN sockets are not permitted", "SocketCAN", "bad", cure)
-    cure = "sudo modprobe can_raw; where there is no such module, take -i hil, which needs none"
+    cure = "`sudo modprobe can_raw`; where there is no such module, take -i hil, which needs none"
     return Finding("kernel", "no SocketCAN", "SocketCAN", "bad", cure)
 
 
@@ -135,7 +135,7 @@ def fifo(machine: Machine) -> Finding:
     """May a process have real-time priority?"""
     if not machine.fifo:
         return Finding("SCHED_FIFO", "permitted", "permitted, for the wall clock", "ok")
-    cure = f"{LIMITS}, then log in anew; in a container --cap-add SYS_NICE"
+    cure = f"`{LIMITS}`, then log in anew; in a container --cap-add SYS_NICE"
     return Finding("SCHED_FIFO", os.strerror(machine.fifo), "permitted, for the wall clock", "warn", cure)
 
 
@@ -143,7 +143,7 @@ def mlock(machine: Machine) -> Finding:
     """May a process keep its memory from being paged out?"""
     if not machine.mlock:
         return Finding("mlock", "permitted", "permitted, for the wall clock", "ok")
-    cure = f"{LIMITS}, then log in anew; in a container --ulimit memlock=-1"
+    cure = f"`{LIMITS}`, then log in anew; in a container --ulimit memlock=-1"
     return Finding("mlock", os.strerror(machine.mlock), "permitted, for the wall clock", "warn", cure)
 
 
@@ -156,7 +156,7 @@ def clock(machine: Machine, scenario: Scenario) -> Finding:
         cure = "this kernel has no high-resolution timers: boot one with CONFIG_HIGH_RES_TIMERS, without highres=off"
         return Finding("clock", value, limit, "bad" if machine.resolution_s > period_s else "warn", cure)
     if machine.clocksource in SLOW_CLOCKS:
-        cure = f"{machine.clocksource} is slow to read: echo tsc | sudo tee {CLOCKSOURCE}, where it is on offer"
+        cure = f"{machine.clocksource} is slow to read: `echo tsc | sudo tee {CLOCKSOURCE}`, where it is on offer"
         return Finding("clock", value, limit, "warn", cure)
     return Finding("clock", value, limit, "ok")
 
