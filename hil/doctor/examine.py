@@ -1,11 +1,13 @@
 """Everything about a place, read and judged: which checks there are depends on the interface."""
 
+import os
+
 from dbc.compiler import load_arm
 from hil.can_node import Place
 from hil.can_port import CanPort
 from hil.doctor import machine, traffic
 from hil.doctor.finding import Finding
-from hil.doctor.link import Link, read_link
+from hil.doctor.link import read_link
 from hil.doctor.link_checks import CLAIMS, check_link, missing, no_claims
 from hil.errors import ChannelError
 from hil.scenario import Scenario
@@ -28,18 +30,15 @@ def examine(place: Place, scenario: Scenario, listen_s: float) -> list[Finding]:
 
 
 def _socketcan(place: Place, scenario: Scenario, listen_s: float) -> list[Finding]:
-    family = machine.check_family(machine.read_family())
-    link = read_link(place.channel)
-    found = [family, missing(place.channel) if link is None else check_link(link, scenario)[0]]
-    if link is None or not link.is_can:
+    family, link = machine.check_family(machine.read_family()), read_link(place.channel)
+    if link is None:
+        return [family, missing(place.channel)]
+    found = [family, *check_link(link, scenario)]
+    if not link.is_can:
         return found
     heard = _heard(place, link.up and family.verdict == "ok", listen_s)
-    return [family, *_with_stamps(check_link(link, scenario), link, heard), *_judged(heard)]
-
-
-def _with_stamps(found: list[Finding], link: Link, heard: traffic.Traffic | ChannelError | None) -> list[Finding]:
     age_s = heard.stamp_age_s if isinstance(heard, traffic.Traffic) else None
-    return [*found, machine.check_stamps(machine.read_stamps(link.name), age_s)]
+    return [*found, machine.check_stamps(machine.read_stamps(link.name), age_s), *_judged(heard)]
 
 
 def _heard(place: Place, possible: bool, listen_s: float) -> traffic.Traffic | ChannelError | None:
@@ -58,7 +57,7 @@ def _heard(place: Place, possible: bool, listen_s: float) -> traffic.Traffic | C
 
 def _judged(heard: traffic.Traffic | ChannelError | None) -> list[Finding]:
     if heard is None:
-        return [Finding("other traffic", "not listened: it is down", "", "unknown")]
+        return [Finding("other traffic", "not listened to", "", "unknown", "first mend the above")]
     if isinstance(heard, ChannelError):
         return [Finding("socket", "it cannot be opened", "opens", "bad", str(heard))]
     return traffic.check_traffic(heard)
@@ -67,7 +66,7 @@ def _judged(heard: traffic.Traffic | ChannelError | None) -> list[Finding]:
 def _hil(place: Place, scenario: Scenario, listen_s: float) -> list[Finding]:
     """Return what there is to say of a bus in virtual time: its bits are exact, and it needs nothing of the machine."""
     try:
-        connection, welcome = client.join(place.channel, "doctor", False, listen_only=True)
+        connection, welcome = client.join(place.channel, f"doctor-{os.getpid()}", False, listen_only=True)
     except ChannelError as error:
         return [Finding("bus", f"no {place.channel}", "a running bus", "bad", f"{error}: `hil bus {place.channel}`")]
     connection.close()
