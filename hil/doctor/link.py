@@ -18,6 +18,7 @@ IP_S = 5.0
 IP_FLAGS = ("-json", "-details", "-statistics")
 ARPHRD_CAN = 280
 IFF_UP = 1
+RECEIVE_DROPPED, OVERRUNS, SEND_DROPPED = "received, dropped", "receive FIFO overruns", "sent, dropped"
 BITLESS = ("vcan", "vxcan")
 """Kinds of interfaces that move whole frames: no bits, no arbitration, no acknowledgement, no error state."""
 
@@ -110,9 +111,9 @@ def from_ip(text: str) -> Link:
 def _lost(statistics: Mapping[str, Any]) -> dict[str, int]:
     received, sent = statistics.get("rx", {}), statistics.get("tx", {})
     return {
-        "received, dropped": received.get("dropped", 0),
-        "receive FIFO overruns": received.get("over_errors", 0),
-        "sent, dropped": sent.get("dropped", 0),
+        RECEIVE_DROPPED: received.get("dropped", 0),
+        OVERRUNS: received.get("over_errors", 0),
+        SEND_DROPPED: sent.get("dropped", 0),
     }
 
 
@@ -128,9 +129,9 @@ def from_sysfs(folder: Path, trouble: str) -> Link:
         up=bool((_number(folder / "flags") or 0) & IFF_UP),
         txqueuelen=_number(folder / "tx_queue_len"),
         lost={
-            "received, dropped": _number(folder / "statistics" / "rx_dropped") or 0,
-            "receive FIFO overruns": _number(folder / "statistics" / "rx_over_errors") or 0,
-            "sent, dropped": _number(folder / "statistics" / "tx_dropped") or 0,
+            RECEIVE_DROPPED: _number(folder / "statistics" / "rx_dropped") or 0,
+            OVERRUNS: _number(folder / "statistics" / "rx_over_errors") or 0,
+            SEND_DROPPED: _number(folder / "statistics" / "tx_dropped") or 0,
         },
     )
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from hil.constants import cycle_frames
 from hil.doctor.finding import Finding, Verdict
-from hil.doctor.link import Link
+from hil.doctor.link import OVERRUNS, RECEIVE_DROPPED, SEND_DROPPED, Link
 from hil.scenario import Scenario
 from hil.wire.bits import worst_case_bits
 
@@ -32,6 +32,11 @@ HARMFUL_MODES: dict[str, tuple[Verdict, str]] = {
     "LOOPBACK": ("bad", "it hears itself alone"),
     "ONE-SHOT": ("bad", "a frame that loses arbitration is lost"),
     "PRESUME-ACK": ("warn", "a frame that nobody takes counts as sent"),
+}
+LOST = {
+    RECEIVE_DROPPED: "the machine had no memory or time for a frame: leave it less to do",
+    OVERRUNS: "the machine answered the controller's interrupt too late: leave it less to do, or take a larger FIFO",
+    SEND_DROPPED: "the interface went down, or bus-off, with frames to send",
 }
 FAST = 800_000
 """Bit rate from which on CiA 301 allows earlier sample points."""
@@ -219,10 +224,12 @@ def queue(link: Link, scenario: Scenario) -> Finding:
 
 
 def lost(link: Link) -> Finding:
-    """Has the interface lost frames?"""
-    causes = ", ".join(f"{cause} {count}" for cause, count in link.lost.items() if count)
-    cure = "counted since the interface was made; if it grows, a program reads too slowly, or a queue is full"
-    return Finding("lost frames", causes or "0", "0", "warn" if causes else "ok", cure if causes else "")
+    """Has the interface lost frames, since it was made?"""
+    causes = [cause for cause, count in link.lost.items() if count]
+    if not causes:
+        return Finding("lost frames", "0", "0", "ok")
+    value = ", ".join(f"{cause} {link.lost[cause]}" for cause in causes)
+    return Finding("lost frames", value, "0", "warn", "if it grows: " + "; ".join(LOST[cause] for cause in causes))
 
 
 def claims(link: Link) -> Finding:

@@ -80,7 +80,7 @@ WRONG = {
     ("down", "error state"): ("bad", "STOPPED", "sudo ip link set can0 up"),
     ("bus-off", "error state"): ("bad", "BUS-OFF", "sudo ip link set can0 down; sudo ip link set can0 up"),
     ("bus-off", "error counters"): ("bad", "transmit 248, receive 0, restarts 2 times, bus error 1041", "bit rate"),
-    ("bus-off", "lost frames"): ("warn", "sent, dropped 3", "counted since"),
+    ("bus-off", "lost frames"): ("warn", "sent, dropped 3", "went down, or bus-off"),
     ("vcan0-down", "up"): ("bad", "down", "sudo ip link set vcan0 up"),
     ("lo", "interface"): ("bad", "lo is not CAN", "`ip link` lists"),
 }
@@ -98,7 +98,7 @@ CHANGED = {
     "warning": ('"ERROR-ACTIVE"', '"ERROR-WARNING"', "error state", "warn", "terminator"),
     "counts": ('{"tx":0,"rx":0}', '{"tx":8,"rx":3}', "error counters", "warn", "lower the counters"),
     "high": ('{"tx":0,"rx":0}', '{"tx":0,"rx":128}', "error counters", "bad", "another bit rate"),
-    "overrun": ('"over_errors":0', '"over_errors":7', "lost frames", "warn", "too slowly"),
+    "overrun": ('"over_errors":0', '"over_errors":7', "lost frames", "warn", "too late"),
     "late": ('"0.750"', '"0.925"', "sample point", "warn", "sample-point 0.8"),
     "early": ('"0.750"', '"0.500"', "sample point", "warn", "sample-point 0.8"),
     "older iproute2": ('"0.750"', "0.875", "sample point", "ok", ""),
