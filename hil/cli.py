@@ -1,4 +1,4 @@
-"""The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`.
+"""The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`, `hil doctor`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
@@ -17,16 +17,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 import typer
 
 from hil.addresses import restart_at_fixed_addresses
+from hil.doctor.command import doctor
 from hil.errors import FaultError, OutputError
+from hil.options import BusKwargs, Interface, bus_options
 from hil.reported import reported
 
 if TYPE_CHECKING:
     from hil.rig import Outcome
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-
-Interface = Annotated[str, typer.Option("--interface", "-i", help="python-can interface; hil has virtual time.")]
-BusKwargs = Annotated[str, typer.Option("--bus-kwargs", help="More keywords for the interface, as JSON.")]
 
 ScenarioName = Annotated[str, typer.Argument(help="A built-in scenario's name, or a .toml file.")]
 Settings = Annotated[list[str], typer.Option("--set", metavar="PATH=VALUE", help="Set one value of the scenario.")]
@@ -51,14 +50,7 @@ def _place(interface: str, channel: str | None, bus_kwargs: str, clock: str) -> 
 
     if interface == "hil" and clock == "virtual":
         return None
-    try:
-        options = json.loads(bus_kwargs)
-    except ValueError:
-        options = None
-    if not isinstance(options, dict):
-        raise typer.BadParameter(
-            f"--bus-kwargs {bus_kwargs}: write a JSON object, for example '{{\"bitrate\": 500000}}'"
-        )
+    options = bus_options(bus_kwargs)
     if channel is None:
         raise typer.BadParameter(f"--interface {interface} needs --channel, for example --channel vcan0")
     return Place(interface, channel, options)
@@ -286,6 +278,9 @@ def node(
     print(f"{name}: the run is over; {show.counters(report)}")
     if report["fault"]:
         raise FaultError(f"{name}: {report['fault']}")
+
+
+app.command()(doctor)
 
 
 def _say(text: str) -> None:
