@@ -1,0 +1,133 @@
+"""A Linux with SocketCAN, anywhere: Debian's kernel under QEMU, with this machine's file system and Python in it.
+
+`python -m tests.lab.boot` runs the tests of tests/lab/inside there, `python -m tests.lab.boot -- COMMAND...` any command.
+It has vcan0, and two Kvaser PCI cards on one emulated bus, can0 and can1, at 1 Mbit/s. Its only door to the outside is the
+folder of results; there is no network.
+"""
+
+import argparse
+import os
+import platform
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Never
+
+from tests.lab import packages
+from tests.lab.initramfs import Job, archive
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "build" / "lab"
+TIMEOUT_S = 1200.0
+ACCELERATOR = "tcg,thread=multi"
+"""Software: kvm hangs where the host itself is a guest."""
+SKIPPED, TIMED_OUT, SILENT = 0, 124, 125
+"""Exit codes beside the command's own. A skip is no failure, but is said in a way that nobody overlooks."""
+
+
+def tests(results: Path) -> tuple[str, ...]:
+    """Return the command that runs the tests which need SocketCAN."""
+    options = ("-p", "no:cacheprovider", "-m", "socketcan", "-rsx", "--durations=5")
+    return (sys.executable, "-m", "pytest", *options, f"--junitxml={results / 'junit.xml'}", "tests/lab/inside")
+
+
+def job(command: tuple[str, ...], results: Path, tools: Path) -> Job:
+    """Return what the guest is to do, in this checkout, with this Python and the variables HIL_* of this process."""
+    environment = {name: value for name, value in os.environ.items() if name.startswith("HIL_")} | {
+        "PATH": f"{Path(sys.executable).parent}:{tools}/usr/bin:/usr/sbin:/usr/bin:/sbin:/bin",
+        "PYTHONPATH": str(ROOT),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "HIL_LAB_INSIDE": "1",
+        "HIL_LAB_RESULTS": str(results),
+        "LANG": "C.UTF-8",
+        "TERM": "dumb",
+    }
+    kept = (ROOT, results, tools, Path(sys.prefix), Path(sys.base_prefix))
+    return Job(command, ROOT, results, environment, kept)
+
+
+def machine(kernel: Path, initramfs: Path, results: Path, code: Path, accelerator: str = ACCELERATOR) -> list[str]:
+    """Return the command line of QEMU; it dies with the thread that starts it."""
+    return [
+        *("setpriv", "--pdeathsig", "KILL", "qemu-system-x86_64"),
+        *("-M", "q35", "-accel", accelerator, "-cpu", "max", "-smp", "2", "-m", "2G"),
+        *("-nodefaults", "-display", "none", "-monitor", "none", "-no-reboot", "-net", "none"),
+        *("-kernel", str(kernel), "-initrd", str(initramfs)),
+        *("-append", "console=ttyS0 quiet panic=-1 mitigations=off"),
+        *("-serial", "stdio", "-serial", f"file:{code}"),
+        *("-virtfs", _share("root", Path("/")) + ",readonly=on,multidevs=remap"),
+        *("-virtfs", _share("results", results)),
+        *("-object", "can-bus,id=cable"),
+        *("-device", "kvaser_pci,canbus=cable", "-device", "kvaser_pci,canbus=cable"),
+    ]
+
+
+def _share(tag: str, path: Path) -> str:
+    quoted = str(path).replace(",", ",,")
+    return f"local,path={quoted},mount_tag={tag},security_model=none"
+
+
+def boot(
+    command: tuple[str, ...], results: Path = RESULTS, timeout_s: float = TIMEOUT_S, accelerator: str = ACCELERATOR
+) -> int:
+    """Run a command in the lab, its output to ours; return its exit code. Raise Missing where there can be no lab."""
+    if platform.machine() != "x86_64":
+        raise packages.Missing(f"the guest runs this machine's Python, and {platform.machine()} is not x86_64")
+    packages.install()
+    kernel = packages.unpacked(packages.kernel_package(), parts=packages.KERNEL)
+    busybox = packages.unpacked("busybox-static") / "bin" / "busybox"
+    tools = packages.unpacked("can-utils")
+    results.mkdir(parents=True, exist_ok=True)
+    (image,) = kernel.glob("boot/vmlinuz-*")
+    with tempfile.TemporaryDirectory() as scratch:
+        initramfs, code = Path(scratch, "initramfs"), Path(scratch, "code")
+        initramfs.write_bytes(archive(kernel, busybox, job(command, results.resolve(), tools)))
+        return _run(machine(image, initramfs, results, code, accelerator), code, timeout_s)
+
+
+def _run(command: list[str], code: Path, timeout_s: float) -> int:
+    """Run QEMU to its end, which is ours at the latest; return the exit code that the guest wrote."""
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    try:
+        process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        print(f"lab: not done after {timeout_s:g} s; QEMU was killed", file=sys.stderr)
+        return TIMED_OUT
+    finally:
+        process.kill()
+        process.wait()
+    said = code.read_text().strip() if code.exists() else ""
+    if not said.isdecimal():
+        print(f"lab: the guest ended without an exit code (QEMU: {process.returncode})", file=sys.stderr)
+        return SILENT
+    return int(said)
+
+
+def _terminated(number: int, _frame: object) -> Never:
+    raise SystemExit(128 + number)
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(prog="python -m tests.lab.boot", description=__doc__.splitlines()[0])
+    parser.add_argument("--timeout", type=float, default=TIMEOUT_S, help="seconds until QEMU is killed (%(default)g)")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="the folder that the guest may write into")
+    parser.add_argument("--accel", default=ACCELERATOR, help="QEMU's accelerator (%(default)s); kvm where it works")
+    parser.add_argument("command", nargs="*", help="after --: what to run inside; default: the tests")
+    options = parser.parse_args(words)
+    signal.signal(signal.SIGTERM, _terminated)
+    results = options.results.resolve()
+    command = tuple(options.command) or tests(results)
+    try:
+        return boot(command, results, options.timeout, options.accel)
+    except packages.Missing as missing:
+        print(f"{'=' * 30} THE LAB WAS SKIPPED {'=' * 30}\n{missing}\n{'=' * 81}", file=sys.stderr)
+        return SKIPPED
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
