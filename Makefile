@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: run test setup format lint types check bench clean fuzz
+.PHONY: run test setup format lint types check bench clean fuzz lab
 
 run: setup
 	$(BIN)/hil run
@@ -31,6 +31,10 @@ check: format lint types test
 
 fuzz: setup
 	$(BIN)/python -m tests.hil.fuzzer --seconds 600 --seed 1
+
+# 77: there can be no lab on this machine, which it has said in capitals.
+lab: setup
+	$(BIN)/python -m tests.lab.boot || [ $$? -eq 77 ]
 
 bench: setup
 	$(BIN)/python -m hil.bench --plot build/bench/scaling.png

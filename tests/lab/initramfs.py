@@ -73,7 +73,7 @@ def scripts(job: Job, modules: list[str]) -> tuple[str, str]:
     first = INIT.format(
         modules=" ".join(modules),
         memory=" ".join(MEMORY),
-        kept=shlex.join(kept) or '""',
+        kept=shlex.join(kept),
         results=shlex.quote(f"/mnt{job.results}"),
     )
     second = SECOND.format(

@@ -1,6 +1,6 @@
 """Debian packages for the lab: some unpacked into the user's cache, some installed where we may.
 
-Nothing is asked of the network that the cache holds. Of a package that is unpacked nothing is installed, so it takes no privilege.
+Nothing is asked of the network that the cache holds. What is unpacked is not installed, so that takes no privilege.
 """
 
 import os
@@ -44,7 +44,7 @@ def ask(*words: str, cwd: Path | None = None) -> str:
 
 
 def install() -> None:
-    """Install the programs that are not here; raise Missing with the names of their packages where that is not possible."""
+    """Install the programs that are not here; raise Missing with their packages' names where we may not."""
     needed = [package for program, package in INSTALLED.items() if shutil.which(program) is None]
     if not needed:
         return
@@ -98,7 +98,7 @@ def _fetch(package: str, scratch: Path, parts: list[str]) -> None:
     files = scratch / "files"
     files.mkdir()
     with subprocess.Popen(["dpkg-deb", "--fsys-tarfile", archive], stdout=subprocess.PIPE) as reader:
-        tar = ["tar", "-x", "-C", files, "--no-same-owner", "--wildcards", *parts]
+        tar = ["tar", "-x", "-C", str(files), "--no-same-owner", "--wildcards", *parts]
         unpacking = subprocess.run(tar, stdin=reader.stdout, stderr=subprocess.PIPE, text=True, check=False)
     if reader.returncode or unpacking.returncode:
         raise Missing(f"{archive.name} cannot be unpacked: {unpacking.stderr.strip()}")
