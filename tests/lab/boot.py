@@ -24,7 +24,7 @@ TIMEOUT_S = 1200.0
 ACCELERATOR = "tcg,thread=multi"
 """Software: kvm hangs where the host itself is a guest."""
 SKIPPED, TIMED_OUT, SILENT = 77, 124, 125
-"""Exit codes beside the command's own: there can be no lab here; killed; the guest died. `make lab` lets a skip pass."""
+"""Exit codes beside the command's own: no lab can be here; killed; the guest died. `make lab` lets a skip pass."""
 
 
 def tests(results: Path) -> tuple[str, ...]:

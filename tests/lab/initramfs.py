@@ -11,8 +11,8 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOTS = ("virtio_pci", "9pnet_virtio", "9p", "can_raw", "can_bcm", "vcan", "kvaser_pci")
-"""The modules that are wanted; what they depend on comes before them."""
+ROOTS = ("virtio_pci", "9pnet_virtio", "9p", "can_raw", "can_bcm", "vcan", "kvaser_pci", "sch_tbf")
+"""The modules that are wanted; what they depend on comes before them. sch_tbf: a wire that takes its time."""
 MEMORY = ("/tmp", "/run", "/dev/shm")
 """Where the guest has memory of its own instead of the host's folder."""
 FOLDER, FILE, DEVICE = 0o040755, 0o100755, 0o020600

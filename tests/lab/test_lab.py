@@ -33,6 +33,7 @@ DEPENDS = {
     "vcan": "can-dev",
     "sja1000": "can-dev",
     "kvaser_pci": "sja1000,can-dev",
+    "sch_tbf": "",
 }
 
 
@@ -47,14 +48,15 @@ def kernel(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def job(tmp_path: Path) -> initramfs.Job:
+def job() -> initramfs.Job:
     command = ("sh", "-c", "echo 'a b' \"$HOME\"; exit 3")
     return initramfs.Job(command, Path("/srv/check out"), Path("/srv/out"), {"HIL_X": "a b"}, (Path("/tmp/wt"),))
 
 
 def members(archive: bytes) -> dict[str, bytes]:
     """Return the files of a cpio archive, read as the format's description says."""
-    found, at = {}, 0
+    found: dict[str, bytes] = {}
+    at = 0
     while True:
         assert archive[at : at + 6] == b"070701"
         fields = [int(archive[at + 6 + 8 * k : at + 14 + 8 * k], 16) for k in range(13)]

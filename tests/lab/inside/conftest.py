@@ -46,6 +46,20 @@ def lab() -> None:
         kernel.give_up("only in the lab: make lab")
 
 
+@pytest.fixture
+def slow_wire(cards: tuple[str, str]) -> Iterator[None]:
+    """In the lab, where a card's frames are gone at once, let its queue drain as over a wire of 100 kbit/s.
+
+    The queue holds ten frames of 16 bytes, as txqueuelen says. Unlike netem, tbf leaves them in the sender's SO_SNDBUF.
+    """
+    if not kernel.INSIDE:
+        yield
+        return
+    kernel.set_queue(cards[0], "replace", "tbf", "rate", "100kbit", "burst", "16", "limit", "160")
+    yield
+    kernel.set_queue(cards[0], "delete")
+
+
 @pytest.fixture(params=["vcan0", "cards"])
 def pair(request: pytest.FixtureRequest) -> tuple[str, str]:
     """Two channels, of which the one hears the other: vcan0 twice, or two cards."""

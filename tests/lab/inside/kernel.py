@@ -74,6 +74,11 @@ def set_link(name: str, *words: str) -> None:
     subprocess.run([program("ip"), "link", "set", name, *words], check=True)
 
 
+def set_queue(name: str, what: str, *words: str) -> None:
+    """Change what makes frames wait for an interface."""
+    subprocess.run([program("tc"), "qdisc", what, "dev", name, "root", *words], check=True)
+
+
 def listeners(name: str) -> int:
     """Return how many sockets listen to all frames of an interface."""
     lines = Path("/proc/net/can/rcvlist_all").read_text().splitlines()
