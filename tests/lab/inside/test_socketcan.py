@@ -26,7 +26,7 @@ ROUND_TRIPS = 500
 BURST = 1000
 BUFFERED = 100
 """Frames that the buffer of a socket surely holds (by default some 270)."""
-LIMIT_S = 5.0
+LIMIT_S = 20.0
 GUARD_S = 120.0
 STAMP_S = 0.01
 """How much earlier or later than the calls around it a stamp may be: clocks are slewed."""
