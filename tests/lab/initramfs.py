@@ -22,6 +22,7 @@ INIT = """#!/bin/busybox sh
 export PATH=/bin
 mount -t proc proc /proc && mount -t sysfs sys /sys && mount -t devtmpfs dev /dev
 exec </dev/ttyS0 >/dev/ttyS0 2>&1
+hostname lab
 stty -onlcr -echo
 for module in {modules}; do insmod /modules/$module.ko || echo "lab: $module was not inserted"; done
 mount -t 9p -o trans=virtio,version=9p2000.L,ro,msize=524288,cache=loose root /mnt || poweroff -f
@@ -69,7 +70,8 @@ class Job:
 
 def scripts(job: Job, modules: list[str]) -> tuple[str, str]:
     """Return /init and its second half."""
-    kept = sorted({str(path) for path in job.kept if str(path).startswith(tuple(f"{m}/" for m in MEMORY))})
+    hidden = {path for path in job.kept if any(path.is_relative_to(memory) for memory in MEMORY)}
+    kept = sorted(str(path) for path in hidden if not hidden & set(path.parents))
     first = INIT.format(
         modules=" ".join(modules),
         memory=" ".join(MEMORY),

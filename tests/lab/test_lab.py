@@ -50,7 +50,8 @@ def kernel(tmp_path: Path) -> Path:
 @pytest.fixture
 def job() -> initramfs.Job:
     command = ("sh", "-c", "echo 'a b' \"$HOME\"; exit 3")
-    return initramfs.Job(command, Path("/srv/check out"), Path("/srv/out"), {"HIL_X": "a b"}, (Path("/tmp/wt"),))
+    kept = (Path("/tmp/wt/build"), Path("/tmp/wt"), Path("/tmpfiles"), Path("/srv"), Path("/run/x y"))
+    return initramfs.Job(command, Path("/srv/check out"), Path("/srv/out"), {"HIL_X": "a b"}, kept)
 
 
 def members(archive: bytes) -> dict[str, bytes]:
@@ -103,7 +104,7 @@ def test_the_scripts_are_a_shells_and_keep_every_word(job: initramfs.Job) -> Non
     assert [*job.command, "</dev/null"] in lines
     assert ["cd", "/srv/check out"] in lines
     assert "HIL_X=a b" in lines[0]
-    assert "for path in /tmp/wt; do" in first
+    assert first.count("for path in '/run/x y' /tmp/wt; do") == 2
 
 
 def test_the_guest_reads_everything_and_writes_only_results() -> None:
