@@ -1,4 +1,4 @@
-"""The lab without QEMU: what it would boot, fetch and run. With HIL_LAB=1, as in CI, it boots, too: 15 s each time."""
+"""The lab without QEMU: what it would boot, fetch and run. With HIL_LAB=1 it boots, too: 15 s each time."""
 
 import os
 import re
