@@ -2,12 +2,18 @@
 
 Each drive hears frames and says which ones to send, no more: who owns the socket is elsewhere (hil/can_node.py). Time
 is that of the cycle, kT from Sync k to the next, as under `functional`, so the payloads are those of `functional`, too;
-what a reaction says of delays and computing does not matter. Order alone counts, and the bus keeps it: AccelRef k-1
-goes before Sync k, Encoder k behind it, the answers behind that; the DSP says Sync k+1 when it has all Currents k.
-Whoever is slow, or stopped in a debugger, holds the robot still.
+what a reaction says of delays and computing does not matter. The DSP says Sync k+1 when it has all Encoders and
+Currents k; whoever is slow, or stopped in a debugger, holds the robot still.
+
+Sockets of one bus need not hear its frames in one order: a kernel hands a frame to one socket after the other, and an
+answer to it may reach the last of them first (seen on vcan0 with two CPUs). So a node that needs a frame waits for it:
+the plant at Sync k+1 for all Currents k and AccelRef k, a joint at Encoder k for AccelRef k-1, the DSP for all.
 """
 
+from collections.abc import Iterable
+
 from dbc.codec import Codec
+from hil.constants import reference_of
 from hil.node import Node, Reaction
 from hil.scenario import Scenario
 
@@ -21,8 +27,11 @@ class SyncDrive:
     def __init__(self, node: Node, scenario: Scenario, codec: Codec) -> None:
         self.node = node
         self.period_ns = scenario.period_ns
-        self.cycle = -scenario.clock.setup_cycles - 1
+        self.setup_cycles = scenario.clock.setup_cycles
+        self.cycle = -self.setup_cycles - 1
         self.sync, self.stop = codec["Sync"], codec["Stop"]
+        self.codecs = codec.by_identifier
+        self.latest: dict[int, int | None] = {}
         self.listens = {*node.wakes_on, *node.stores, self.sync.identifier, self.stop.identifier}
         self.timer_ns: int | None = None
         self.stopped = False
@@ -49,9 +58,23 @@ class SyncDrive:
             return self._begin(data)
         if identifier in self.node.wakes_on:
             return self._answer(identifier, data)
+        self._keep(identifier, data)
+        return []
+
+    def _keep(self, identifier: int, data: bytes) -> None:
+        """Hand over a frame that the node stores, and know of which cycle it is."""
+        self.latest[identifier] = self._cycle_of(identifier, data)
         if identifier in self.node.stores:
             self.node.store(identifier, data, self.now_ns)
-        return []
+
+    def _cycle_of(self, identifier: int, data: bytes) -> int | None:
+        """Return the lowest byte of the cycle that a frame belongs to, its last value; None for a damaged one."""
+        fields = self.codecs[identifier].unpack(data)
+        return None if fields is None else fields[-1]
+
+    def _has(self, identifiers: Iterable[int], cycle: int) -> bool:
+        """Return whether the latest of each of these frames is that of a cycle."""
+        return all(self.latest.get(each) == cycle & 0xFF for each in identifiers)
 
     def _answer(self, identifier: int, data: bytes) -> list[Frame]:
         """Wake the node; a frame that comes again gets the same answer, and does not count twice."""
@@ -74,13 +97,54 @@ class SyncDrive:
         return self._frames(self.node.on_timer(self.now_ns))
 
     def _ahead(self, data: bytes) -> int:
-        """Return by how many cycles a Sync goes on; it carries the lowest byte of its number."""
+        """Return by how many cycles a Sync goes on; 0 for one that comes again, or too late."""
         fields = self.sync.unpack(data)
-        return 0 if fields is None else (fields[0] - self.cycle) & 0xFF
+        return 0 if fields is None else max(0, self._nearest(fields[0]) - self.cycle)
+
+    def _nearest(self, byte: int) -> int:
+        """Return the cycle next to the present one whose number ends in this byte."""
+        return self.cycle + ((byte - self.cycle + 0x80) & 0xFF) - 0x80
 
     def _frames(self, reaction: Reaction) -> list[Frame]:
         _, self.timer_ns, sends = reaction
         return [(identifier, data) for _, identifier, data in sends]
+
+
+class JointDrive(SyncDrive):
+    """A joint: Encoder k waits for AccelRef k-1, once there are any, and hears of no later one.
+
+    Encoder says which cycle it is, like Sync, which may come behind it.
+    """
+
+    def __init__(self, node: Node, scenario: Scenario, codec: Codec) -> None:
+        super().__init__(node, scenario, codec)
+        number = int(node.name.removeprefix("joint"))
+        self.encoder = codec[f"Encoder_{number}"].identifier
+        self.reference = codec[reference_of(number)[0]].identifier
+        self.listens |= {self.encoder, self.reference}
+        self._waiting: bytes | None = None
+        self._references: dict[int | None, bytes] = {}
+
+    def hear(self, identifier: int, data: bytes) -> list[Frame]:
+        """Take a frame."""
+        if identifier == self.encoder:
+            self._waiting = data
+        elif identifier == self.reference:
+            self._references[self._cycle_of(identifier, data)] = data
+        else:
+            return super().hear(identifier, data)
+        return [] if self._waiting is None else self._take_encoder(self._waiting)
+
+    def _take_encoder(self, data: bytes) -> list[Frame]:
+        byte = self._cycle_of(self.encoder, data)
+        cycle = self.cycle if byte is None else self._nearest(byte)
+        reference = self._references.pop((cycle - 1) & 0xFF, None) if cycle >= 0 else None
+        if cycle >= 0 and reference is None and (self.encoder, data) != self._question:
+            return []
+        if reference is not None and self.reference in self.node.stores:
+            self.node.store(self.reference, reference, self.now_ns)
+        self._waiting, self.cycle = None, max(self.cycle, cycle)
+        return self._answer(self.encoder, data)
 
 
 class PlantDrive(SyncDrive):
@@ -88,25 +152,43 @@ class PlantDrive(SyncDrive):
 
     def __init__(self, node: Node, scenario: Scenario, codec: Codec) -> None:
         super().__init__(node, scenario, codec)
+        self.currents = [codec[f"Current_{n}"].identifier for n in range(1, scenario.joints + 1)]
+        self.reference = codec["AccelRef"].identifier
+        self._waiting: Frame | None = None
         self._last: list[Frame] = []
 
     def hear(self, identifier: int, data: bytes) -> list[Frame]:
         """Take a frame; a Stop at the end of the run stands for the Sync of its cycle."""
-        if identifier != self.stop.identifier:
-            return super().hear(identifier, data)
-        if self.stop.unpack(data) == (0,):
-            self.cycle += 1
-            self.node.on_timer(self.now_ns)
-        self.node.store(identifier, data, self.now_ns)
+        if identifier == self.sync.identifier:
+            if not self._ahead(data):
+                return self._last if self.now_ns < 0 else []
+            self._waiting = identifier, data
+        elif identifier == self.stop.identifier:
+            self._waiting = identifier, data
+            if self.stop.unpack(data) != (0,):
+                return self._end(data)
+        else:
+            self._keep(identifier, data)
+        return self._go_on() if self._waiting is not None and self._complete else []
+
+    @property
+    def _complete(self) -> bool:
+        """Whether all of this cycle is there; before the first Sync nothing is."""
+        begun = self.cycle >= -self.setup_cycles
+        needs = [*self.currents, self.reference] if self.cycle >= -1 else self.currents
+        return not begun or self._has(needs, self.cycle)
+
+    def _go_on(self) -> list[Frame]:
+        assert self._waiting is not None
+        (identifier, data), self._waiting = self._waiting, None
+        self.cycle += 1
+        self._last = self._frames(self.node.on_timer(self.now_ns))
+        return self._end(data) if identifier == self.stop.identifier else self._last
+
+    def _end(self, data: bytes) -> list[Frame]:
+        self.node.store(self.stop.identifier, data, self.now_ns)
         self.stopped = True
         return []
-
-    def _begin(self, data: bytes) -> list[Frame]:
-        ahead = self._ahead(data)
-        self.cycle += ahead
-        if ahead:
-            self._last = self._frames(self.node.on_timer(self.now_ns))
-        return self._last if ahead or self.now_ns < 0 else []
 
 
 class DSPDrive(SyncDrive):
@@ -115,10 +197,10 @@ class DSPDrive(SyncDrive):
     def __init__(self, node: Node, scenario: Scenario, codec: Codec) -> None:
         super().__init__(node, scenario, codec)
         joints = range(1, scenario.joints + 1)
-        self.currents = {codec[f"Current_{n}"].identifier: codec[f"Current_{n}"] for n in joints}
-        self.encoders = {codec[f"Encoder_{n}"].identifier: codec[f"Encoder_{n}"] for n in joints}
-        self.listens |= self.currents.keys()
-        self._held: set[int] = set()
+        self.currents = [codec[f"Current_{n}"].identifier for n in joints]
+        self.encoders = [codec[f"Encoder_{n}"].identifier for n in joints]
+        self.listens |= {*self.currents}
+        self._positions: dict[int, bytes] = {}
         self._later: list[Frame] = []
         self._answered = False
         self._last: list[Frame] = []
@@ -130,42 +212,37 @@ class DSPDrive(SyncDrive):
 
     def hear(self, identifier: int, data: bytes) -> list[Frame]:
         """Take a frame; what is no Encoder counts from the end of the cycle on, when all of it is there."""
-        if identifier in self.encoders:
-            fields = self.encoders[identifier].unpack(data)
-            old = fields is not None and fields[-1] != self.cycle & 0xFF  # said again to somebody who came late
-            return [] if self._answered or old else self._take_encoder(identifier, data)
+        frames: list[Frame] = []
         if identifier == self.stop.identifier:
             return super().hear(identifier, data)
-        if identifier not in self.currents:
+        if identifier in self.encoders:
+            self._positions[identifier] = data
+            self.latest[identifier] = self._cycle_of(identifier, data)
+            if not self._answered and self._has(self.encoders, self.cycle):
+                frames = self._answer_encoders()
+        elif identifier in self.currents:
+            self.latest[identifier] = self._cycle_of(identifier, data)
+        else:
             self._later.append((identifier, data))
-            return []
-        fields = self.currents[identifier].unpack(data)
-        if fields is not None and fields[-1] == self.cycle & 0xFF:
-            self._held.add(identifier)
-        return self._next_cycle() if self._complete else []
+        over = self._answered and not self.node.finished and self._has(self.currents, self.cycle)
+        return frames + self._next_cycle() if over else frames
 
     def idle(self) -> list[Frame]:
         """Say Sync again, before the run."""
         return self._last if self.now_ns < -self.period_ns else []
 
-    def _take_encoder(self, identifier: int, data: bytes) -> list[Frame]:
-        if identifier not in self.node.wakes_on:
-            self.node.store(identifier, data, self.now_ns)
-            return []
+    def _answer_encoders(self) -> list[Frame]:
         self._answered = True
-        frames = self._frames(self.node.on_frame(identifier, data, self.now_ns))
-        return frames + (self._next_cycle() if self._complete else [])
-
-    @property
-    def _complete(self) -> bool:
-        return self._answered and len(self._held) == len(self.currents) and not self.node.finished
+        *others, last = self.encoders
+        for each in others:
+            self.node.store(each, self._positions[each], self.now_ns)
+        return self._frames(self.node.on_frame(last, self._positions[last], self.now_ns))
 
     def _next_cycle(self) -> list[Frame]:
         for identifier, data in sorted(self._later):
             if identifier in self.node.stores:
                 self.node.store(identifier, data, self.now_ns)
         self._later, self._answered = [], False
-        self._held.clear()
         self.cycle += 1
         self._last = self._frames(self.node.on_timer(self.now_ns))
         return self._last
@@ -176,4 +253,4 @@ DRIVES = {"plant": PlantDrive, "dsp": DSPDrive}
 
 def make_drive(node: Node, scenario: Scenario, codec: Codec) -> SyncDrive:
     """Return the drive of a node by its part."""
-    return DRIVES.get(node.name, SyncDrive)(node, scenario, codec)
+    return DRIVES.get(node.name, JointDrive)(node, scenario, codec)

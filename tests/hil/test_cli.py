@@ -168,7 +168,7 @@ def test_wrong_usage_ends_with_2(words: list[str], hil: Any) -> None:
     [
         (["node", "plant", "-c", "nowhere"], 4, r"channel 'nowhere': no bus is running there; start one with `hil bus"),
         (["node", "plant", "-c", "no/where"], 4, r"channel 'no/where': a name has 1 to 41 letters"),
-        (["node", "plant", "-i", "socketcan"], 4, r"interface 'socketcan': only 'hil' has the virtual time"),
+        (["node", "plant", "-i", "socketcan"], 4, r"interface 'socketcan', channel 'arm': "),
         (["node", "joint", "7"], 3, r"no node 'joint7': this scenario has plant, dsp, joint1, joint2, joint3"),
         (["node", "cook"], 3, r"no node 'cook'"),
         (["bus", "--bitrate", "300007"], 2, r"value: --bitrate 300007: a bit lasts 3333.256 ns, which is no whole"),
