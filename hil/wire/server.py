@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
+from hil import interrupts
 from hil.errors import NodeError
 from hil.pace import Pace
 from hil.wire import control, protocol
@@ -125,6 +126,10 @@ class Server:
 
     def run(self, until_ns: int) -> None:
         """Carry virtual time to until_ns, or until it is stopped or every timed client has left."""
+        with interrupts.held_back():
+            self._run(until_ns)
+
+    def _run(self, until_ns: int) -> None:
         agenda = self.agenda
         self._until_ns = until_ns
         while (agenda.now_ns < until_ns or agenda.has_due(until_ns)) and not agenda.stopped and not self.deserted:
@@ -209,7 +214,8 @@ class Server:
     def poll(self, timeout_s: float) -> None:
         """Look after the connections, waiting at most timeout_s of wall time for something to do."""
         self._audience.show(timeout_s > 0.0)
-        ready = self._selector.select(timeout_s)
+        with interrupts.let_through():
+            ready = self._selector.select(timeout_s)
         if ready and self._until_ns is not None and not self.pace.unlimited:
             self._advance(self._until_ns)  # what arrives now is stamped now
         for key, _ in ready:
@@ -298,7 +304,8 @@ class Server:
         """Say whom the bus waits for; look after the door meanwhile."""
         self.waiting = name, waited_s
         try:
-            self._door.attend()
+            with interrupts.let_through():
+                self._door.attend()
             self._on_wait(name, waited_s)
         finally:
             self.waiting = None
