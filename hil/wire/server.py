@@ -29,7 +29,7 @@ from hil.wire.observer import Observer
 from hil.wire.participants import Client, OnWait, TimedClient
 from hil.wire.protocol import FAR_NS, Closed, Connection
 
-SLICE_NS = 5_000_000
+SLICE_NS = 20_000_000
 """Virtual time between two looks at the connections."""
 LAST_FRAMES_S = 5.0
 """Wall time that observers have at the end to take what is left for them."""
