@@ -10,7 +10,7 @@ from hil.wire.observer import Observer
 from hil.wire.participants import Client
 from hil.wire.protocol import Closed, ProtocolError
 
-SHOW_S = 0.002
+SHOW_S = 0.005
 """Wall time between two times that observers get frames while time runs without a pause: many frames at a time."""
 
 
