@@ -5,25 +5,24 @@ Ref: pthread_sigmask(3). A signal that is held back is delivered as soon as it i
 
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 SIGNALS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
-@contextmanager
-def held_back() -> Iterator[None]:
+def held_back() -> AbstractContextManager[None]:
     """Hold them back meanwhile, in this thread."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return _masked(signal.SIG_BLOCK)
+
+
+def let_through() -> AbstractContextManager[None]:
+    """Let them through meanwhile: what was held back is raised here."""
+    return _masked(signal.SIG_UNBLOCK)
 
 
 @contextmanager
-def let_through() -> Iterator[None]:
-    """Let them through meanwhile: what was held back is raised here."""
-    before = signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+def _masked(how: int) -> Iterator[None]:
+    before = signal.pthread_sigmask(how, SIGNALS)
     try:
         yield
     finally:
