@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from dbc.compiler import load_arm
 from hil.errors import FaultError
+from hil.evaluate import frames_of_cycles, recorded_truth
 from hil.rig import Outcome, run_inline
 from hil.scenario import Load, Scenario
 
@@ -84,8 +85,8 @@ def compare_backends(scenario: Scenario) -> BackendComparison:
 
 def difference(one: Outcome, other: Outcome) -> Difference:
     """Return how far apart two runs of the same cycles and joints are."""
-    q, q_other = _angles(one), _angles(other)
-    cycles = min(len(q), len(q_other), one.scenario.cycles)
+    q, q_other = (recorded_truth(each)["q_rad"] for each in (one, other))
+    cycles = min(len(q), len(q_other))
     if cycles == 0:
         raise FaultError(f"{one.scenario.name}: a run ended in its set-up, nothing is there to compare: run it alone")
     angles = abs(q[:cycles] - q_other[:cycles])
@@ -110,21 +111,9 @@ def _encoder_counts(outcome: Outcome) -> Array:
     scenario, codec = outcome.scenario, load_arm()
     counts = np.full((scenario.cycles, scenario.joints), np.nan)
     encoders = {codec[f"Encoder_{n}"].identifier: n - 1 for n in range(1, scenario.joints + 1)}
-    for end_ns, identifier, data, _ in outcome.log.frames:
-        fields = codec.by_identifier[identifier].unpack(data) if identifier in encoders else None
-        if fields is not None:
-            position, cycle_byte = fields
-            period = end_ns // scenario.period_ns
-            cycle = period - ((period - cycle_byte) & 0xFF)
-            if 0 <= cycle < scenario.cycles:
-                counts[cycle, encoders[identifier]] = position
+    for cycle, _, identifier, (position, _) in frames_of_cycles(outcome, codec, encoders):
+        counts[cycle, encoders[identifier]] = position
     return counts
-
-
-def _angles(outcome: Outcome) -> Array:
-    report, joints = outcome.reports["plant"], outcome.scenario.joints
-    rows = np.array(report["rows"], dtype=float).reshape(-1, len(report["columns"]))
-    return rows[:, :joints]
 
 
 def _wrapped(difference: Array) -> Array:

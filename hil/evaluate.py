@@ -6,6 +6,7 @@ Arrays have one row a cycle and, where a name says so, one column a joint (rad) 
 Ref: the paper's eqs. (3)-(4), figs. 15 and 16.
 """
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,6 @@ from dbc.compiler import load_arm
 from firmware_py.dsp.cpu import ACCEL_REFS, JOINTS_A_FRAME
 from firmware_py.dsp.trajectory import Trajectory
 from hil.assemble import arm_parameters, build_trajectory, joint_trajectory
-from hil.frame_log import LoggedFrame
 from hil.rig import Outcome
 from hil.scenario import Scenario
 from plant.array_form import tip_velocities, tips
@@ -69,14 +69,14 @@ def evaluate(outcome: Outcome) -> Evaluation | None:
     if "plant" not in outcome.reports:
         return None
     scenario, codec = outcome.scenario, load_arm()
-    truth = _truth(outcome)
+    truth = recorded_truth(outcome)
     cycles = len(truth["payload_kg"])
     if cycles == 0:
         return None
     q, w = truth["q_rad"], truth["w_rad_s"]
     q_cmd, w_cmd, x_cmd, v_cmd = _commands(scenario, codec, cycles)
     x, v = _tip(scenario, codec, q, w)
-    bus = _from_bus(outcome.log.frames, codec, scenario.joints, cycles, scenario.period_ns)
+    bus = _from_bus(outcome, codec, cycles)
     return Evaluation(
         scenario=scenario,
         t_s=np.arange(cycles, dtype=np.float64) * scenario.clock.period_s,
@@ -97,7 +97,7 @@ def evaluate(outcome: Outcome) -> Evaluation | None:
     )
 
 
-def _truth(outcome: Outcome) -> dict[str, Array]:
+def recorded_truth(outcome: Outcome) -> dict[str, Array]:
     """Return what the plant recorded: (K, n) for each name with one value a joint, (K,) for the others."""
     report = outcome.reports["plant"]
     joints = outcome.scenario.joints
@@ -145,22 +145,34 @@ def _sampled(motion: Trajectory, times: list[float]) -> tuple[Array, Array]:
     return np.array([position for position, _, _ in commands]), np.array([velocity for _, velocity, _ in commands])
 
 
-def _from_bus(frames: list[LoggedFrame], codec: Codec, joints: int, cycles: int, period_ns: int) -> dict[str, Array]:
+def frames_of_cycles(
+    outcome: Outcome, codec: Codec, identifiers: Collection[int]
+) -> Iterator[tuple[int, int, int, tuple[int, ...]]]:
+    """Yield (cycle, end in ns, identifier, raw values) of these frames, which end with the cycle they belong to.
+
+    Damaged ones and those of other cycles than the run's are left out.
+    """
+    period_ns = outcome.scenario.period_ns
+    for end_ns, identifier, data, _ in outcome.log.frames:
+        fields = codec.by_identifier[identifier].unpack(data) if identifier in identifiers else None
+        if fields is None:
+            continue
+        period = end_ns // period_ns
+        cycle = period - ((period - fields[-1]) & 0xFF)
+        if 0 <= cycle < outcome.scenario.cycles:
+            yield cycle, end_ns, identifier, fields
+
+
+def _from_bus(outcome: Outcome, codec: Codec, cycles: int) -> dict[str, Array]:
     """Return what AccelRef and Current frames of each cycle say, in rad/s^2 and A."""
+    joints = outcome.scenario.joints
     nothing = np.full((cycles, joints), np.nan)
     found = {"a_ref": nothing.copy(), "i_ref": nothing.copy(), "estimate": nothing.copy()}
     current = {codec[f"Current_{n}"].identifier: n for n in range(1, joints + 1)}
     accel_refs = {codec[name].identifier: m * JOINTS_A_FRAME for m, name in enumerate(ACCEL_REFS)}
     amperes, rad_s2 = codec.scale("Current_1", "Reference"), codec.scale("AccelRef", "Joint1")
-    for end_ns, identifier, data, _ in frames:
-        if identifier not in accel_refs and identifier not in current:
-            continue
-        fields = codec.by_identifier[identifier].unpack(data)
-        if fields is None:
-            continue
-        period = end_ns // period_ns
-        cycle = period - ((period - fields[-1]) & 0xFF)
-        if not 0 <= cycle < cycles:
+    for cycle, _, identifier, fields in frames_of_cycles(outcome, codec, {*accel_refs, *current}):
+        if cycle >= cycles:
             continue
         if identifier in accel_refs:
             first = accel_refs[identifier]

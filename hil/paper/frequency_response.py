@@ -14,7 +14,7 @@ import numpy as np
 
 from dbc.compiler import load_arm
 from hil import scenario_file
-from hil.evaluate import Evaluation, evaluate
+from hil.evaluate import Evaluation, evaluate, frames_of_cycles
 from hil.paper.sampled_loop import Array, Complex, Loop
 from hil.rig import Outcome, run_inline
 from hil.scenario import Scenario
@@ -109,10 +109,8 @@ def action_instants(outcome: Outcome) -> Array:
     scenario, codec = outcome.scenario, load_arm()
     instants = np.full((scenario.cycles, scenario.joints), np.nan)
     joints = {codec[f"Current_{n + 1}"].identifier: n for n in range(scenario.joints)}
-    for end_ns, identifier, _, _ in outcome.log.frames:
-        cycle = end_ns // scenario.period_ns
-        if identifier in joints and 0 <= cycle < scenario.cycles:
-            instants[cycle, joints[identifier]] = end_ns * 1e-9
+    for cycle, end_ns, identifier, _ in frames_of_cycles(outcome, codec, joints):
+        instants[cycle, joints[identifier]] = end_ns * 1e-9
     return instants
 
 
