@@ -5,7 +5,6 @@ What the rig starts, with its order in a file; `hil node -i socketcan` does the 
 
 import json
 import os
-import signal
 import sys
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +12,8 @@ from typing import Any, NamedTuple
 from dbc.compiler import load_arm
 from hil.assemble import build_node
 from hil.can_port import CanPort
-from hil.errors import HilError, NodeError, failed
-from hil.node_process import write_report
+from hil.errors import NodeError
+from hil.node_process import be_child
 from hil.scenario import Scenario
 from hil.sync_drive import make_drive
 
@@ -60,20 +59,14 @@ def play(
 def main() -> int:
     """Run as the rig's child."""
     order_path, name = sys.argv[1:]
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     folder = Path(order_path).parent
-    try:
+
+    def play_ordered() -> dict[str, Any]:
         order = json.loads(Path(order_path).read_text())
         scenario, place = Scenario.model_validate(order["scenario"]), Place(*order["places"][name])
-        report = play(scenario, name, place, folder / f"{name}.ready", os.getppid())
-        write_report(report, folder / f"{name}.json")
-    except HilError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
-    except Exception as error:
-        print(failed(name, error), file=sys.stderr)
-        return NodeError.exit_code
-    return 0
+        return play(scenario, name, place, folder / f"{name}.ready", os.getppid())
+
+    return be_child(name, play_ordered, folder / f"{name}.json")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import re
 import resource
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -68,10 +69,18 @@ def write_report(report: dict[str, Any], path: Path) -> None:
 def main() -> int:
     """Run as the rig's child."""
     name, scenario_path, channel, report_path = sys.argv[1:]
+
+    def play() -> dict[str, Any]:
+        return run_node(Scenario.model_validate_json(Path(scenario_path).read_text()), name, channel)
+
+    return be_child(name, play, Path(report_path))
+
+
+def be_child(name: str, play: Callable[[], dict[str, Any]], report_path: Path) -> int:
+    """Play a node and leave its report; return the exit code, having said on stderr what went wrong."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
-        scenario = Scenario.model_validate_json(Path(scenario_path).read_text())
-        report = run_node(scenario, name, channel)
+        report = play()
     except HilError as error:
         print(error, file=sys.stderr)
         return error.exit_code
@@ -79,7 +88,7 @@ def main() -> int:
         print(failed(name, error), file=sys.stderr)
         return NodeError.exit_code
     try:
-        write_report(report, Path(report_path))
+        write_report(report, report_path)
     except OSError as error:
         print(f"{name}: cannot write its report: {error.strerror}", file=sys.stderr)
         return OutputError.exit_code

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from hil.errors import ScenarioError
 from hil.scenario_parts import (
     Angle,
     Duration,
@@ -292,3 +293,12 @@ class Scenario(Part):
         if self.bus.action_delay_s is not None:
             paths["bus.action_delay_s"] = self.bus.action_delay_s
         return paths
+
+
+def check_interval(what: str, at_s: float, until_s: float, scenario: Scenario) -> None:
+    """Refuse what ends before it begins, or behind the run."""
+    if not at_s < until_s <= scenario.duration_s:
+        raise ScenarioError(
+            f"{what} from {at_s} s until {until_s} s: it must begin before it ends, "
+            f"and end by duration_s = {scenario.duration_s}"
+        )

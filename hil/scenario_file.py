@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import ScenarioError
-from hil.scenario import Model, Scenario
+from hil.scenario import Model, Scenario, check_interval
 from hil.scenario_parts import to_ns
 from hil.wire.fault import check_faults
 from hil.wire.rates import bit_time_refusal
@@ -162,11 +162,7 @@ def check(scenario: Scenario) -> None:
     if 0.0 < scenario.drive.lag_s < SHORTEST_LAG_S:
         raise ScenarioError(f"drive.lag_s = {scenario.drive.lag_s}: 0 (none), or {SHORTEST_LAG_S} s and more")
     for load in scenario.load:
-        if not load.at_s < load.until_s <= scenario.duration_s:
-            raise ScenarioError(
-                f"load from {load.at_s} s until {load.until_s} s: it must begin before it ends, "
-                f"and end by duration_s = {scenario.duration_s}"
-            )
+        check_interval("load", load.at_s, load.until_s, scenario)
 
 
 def _check_lengths(scenario: Scenario) -> None:
@@ -192,11 +188,7 @@ def _check_torques(scenario: Scenario) -> None:
     for torque in scenario.torque:
         if torque.joint > scenario.joints:
             raise ScenarioError(f"torque.joint = {torque.joint}: the arm has joints 1 to {scenario.joints}")
-        if not torque.at_s < torque.until_s <= scenario.duration_s:
-            raise ScenarioError(
-                f"torque from {torque.at_s} s until {torque.until_s} s: it must begin before it ends, "
-                f"and end by duration_s = {scenario.duration_s}"
-            )
+        check_interval("torque", torque.at_s, torque.until_s, scenario)
 
 
 def _check_faults(scenario: Scenario) -> None:

@@ -6,7 +6,7 @@ Raises ScenarioError with the thing, its value, the limit and the cure. Units: m
 from itertools import pairwise
 
 from hil.errors import ScenarioError
-from hil.scenario import Scenario
+from hil.scenario import Scenario, check_interval
 from hil.scenario_world import Grasp, Wall
 from plant.kinematics import joint_points
 
@@ -98,11 +98,7 @@ def _check_links_clear(scenario: Scenario) -> None:
 def _check_grasps(scenario: Scenario) -> None:
     free_s = 0.0
     for k, grasp in sorted(enumerate(scenario.grasp), key=_begins):
-        if not grasp.at_s < grasp.until_s <= scenario.duration_s:
-            raise ScenarioError(
-                f"grasp.{k} from {grasp.at_s} s until {grasp.until_s} s: it must begin before it ends, "
-                f"and end by duration_s = {scenario.duration_s}"
-            )
+        check_interval(f"grasp.{k}", grasp.at_s, grasp.until_s, scenario)
         if grasp.at_s < free_s:
             raise ScenarioError(
                 f"grasp.{k}.at_s = {grasp.at_s}: the hand holds another payload until {free_s} s, and one at a time: "

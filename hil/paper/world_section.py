@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from hil.paper.cells import URAD, urad
+from hil.paper.cells import URAD, listed, urad
 from hil.paper.deviation import evaluated
 from hil.paper.report import Claim, Folder, Section, Table
 from hil.summary import deviations
@@ -42,7 +42,10 @@ def world(executor: Executor, _folder: Folder) -> Section:
     assert wall.off_spring_N is not None
     assert wall.chatter_N is not None
     final = max(max(each.final_rad) for each in found)
-    rows = [(each.scenario, _list(each.reaction_N_m), urad(each.largest_rad), urad(each.final_rad)) for each in found]
+    rows = [
+        (each.scenario, listed(each.reaction_N_m, ".2f"), urad(each.largest_rad), urad(each.final_rad))
+        for each in found
+    ]
     return Section(
         "world",
         "The world that the arm touches",
@@ -78,7 +81,3 @@ def _touch(name: str) -> Touched:
     off = float(np.max(np.abs(force - run.scenario.wall[0].stiffness_N_m * depth)))
     chatter = float(np.ptp(force))
     return Touched(name, touched.largest_rad, touched.final_rad, reaction, float(np.mean(force)), off, chatter)
-
-
-def _list(values: list[float]) -> str:
-    return ", ".join(f"{value:.2f}" for value in values)
