@@ -42,11 +42,6 @@ class FrequencyResponse:
         error: Array = dB(self.measured) - dB(self.theory)
         return error
 
-    def complement_error_dB(self) -> Array:
-        """How far the measured G is above the theory."""
-        error: Array = dB(1 - self.measured) - dB(1 - self.theory)
-        return error
-
 
 def dB(value: Complex) -> Array:
     """Return 20 log10 of the modulus."""
@@ -54,34 +49,34 @@ def dB(value: Complex) -> Array:
     return level
 
 
-def measure(executor: Executor, settings: tuple[str, ...] = ()) -> FrequencyResponse:
-    """Run the rig once a frequency, all joints driven at once; settings: on top of the linearised paper-joint."""
-    found = list(executor.map(_measure_one, FREQUENCIES_RAD_S, [settings] * len(FREQUENCIES_RAD_S)))
+def measure(executor: Executor) -> FrequencyResponse:
+    """Run the linearised paper-joint once a frequency, all joints driven at once."""
+    found = list(executor.map(_measure_one, FREQUENCIES_RAD_S))
     rad_s = np.array([rad_s for rad_s, _, _ in found])
     loops = found[0][2]
     theory = np.stack([loop.sensitivity(rad_s) for loop in loops], axis=1)
     return FrequencyResponse(rad_s, np.array([values for _, values, _ in found]), theory, loops)
 
 
-def _measure_one(wanted_rad_s: float, settings: tuple[str, ...]) -> tuple[float, Complex, tuple[Loop, ...]]:
+def _measure_one(wanted_rad_s: float) -> tuple[float, Complex, tuple[Loop, ...]]:
     period_s = 0.001
     periods = max(1, round(wanted_rad_s * WINDOW_CYCLES * period_s / (2 * pi)))
     window = round(2 * pi * periods / (wanted_rad_s * period_s))
     rad_s = 2 * pi * periods / (window * period_s)
-    scenario = _scenario(rad_s, SETTLE_CYCLES + window + 2, settings)
+    scenario = _scenario(rad_s, SETTLE_CYCLES + window + 2)
     outcome = run_inline(scenario)
     evaluation = evaluate(outcome)
     assert evaluation is not None
     return rad_s, _sensitivity(outcome, evaluation, rad_s, window), _loops(outcome)
 
 
-def _scenario(rad_s: float, cycles: int, settings: tuple[str, ...]) -> Scenario:
+def _scenario(rad_s: float, cycles: int) -> Scenario:
     duration_s = round(cycles * 0.001, 6)
     torques = ", ".join(
         f"{{joint={n}, amplitude_N_m={amplitude}, frequency_rad_s={rad_s!r}, until_s={duration_s}}}"
         for n, amplitude in enumerate(AMPLITUDE_N_M, start=1)
     )
-    return scenario_file.load("paper-joint", [*LINEAR, f"duration_s={duration_s}", f"torque=[{torques}]", *settings])
+    return scenario_file.load("paper-joint", [*LINEAR, f"duration_s={duration_s}", f"torque=[{torques}]"])
 
 
 def _sensitivity(outcome: Outcome, evaluation: Evaluation, rad_s: float, window: int) -> Complex:

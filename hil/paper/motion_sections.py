@@ -8,6 +8,7 @@ import numpy as np
 from hil.paper import deviation
 from hil.paper.cells import URAD, listed, made, mrad, small, times, urad
 from hil.paper.report import Claim, Folder, Section, Table
+from hil.summary import deviations
 
 
 def fig15(executor: Executor, folder: Folder) -> Section:
@@ -17,8 +18,8 @@ def fig15(executor: Executor, folder: Folder) -> Section:
         from hil.figures import write_figures
 
         write_figures(made(folder / "fig15"), on, off)
-    largest = [np.max(np.abs(run.deviation), axis=0) for run in (on, off)]
-    final = [np.sqrt(np.mean(run.deviation[run.final_rows] ** 2, axis=0)) for run in (on, off)]
+    found = [deviations(run) for run in (on, off)]
+    largest, final = ([np.array(each[key]) for each in found] for key in ("max_deviation_rad", "final_deviation_rad"))
     ratios = largest[1] / largest[0], final[1] / final[0]
     rows = [
         (str(n + 1), *(f"{values[n] / URAD:.1f}" for pair in (largest, final) for values in pair))
@@ -57,9 +58,10 @@ def fig16(executor: Executor, folder: Folder) -> Section:
         from hil.figures import write_figures
 
         write_figures(made(folder / "fig16"), on, off)
-    velocity = [np.max(np.abs(run.v_cmd - run.v), axis=0) * 100 for run in (on, off)]
-    position = [np.max(np.abs(run.x_cmd - run.x), axis=0) * 1000 for run in (on, off)]
-    peak = float(np.max(np.hypot(*on.v_cmd.T)) * 100)
+    found = [deviations(run) for run in (on, off)]
+    velocity = [np.array(each["max_velocity_deviation_m_s"]) * 100 for each in found]
+    position = [np.array(each["max_position_deviation_m"]) * 1000 for each in found]
+    peak = found[0]["peak_command_speed_m_s"] * 100
     lines = deviation.interference(executor)
     across_mm = max(line.across_m for line in lines) * 1000
     rows = [

@@ -20,7 +20,7 @@ from hil.paper.frequency_response import mean_delays
 from hil.paper.sampled_loop import Array, Loop
 from hil.rig import run_inline
 from hil.scenario import Scenario
-from hil.summary import deviations, summarise
+from hil.summary import summarise
 from plant.array_form import inertia
 
 COUNTS_PER_TURN = (65_536, 102_400, 204_800, 409_600, 819_200, 1_638_400)
@@ -67,7 +67,7 @@ def measure(counts_per_turn: int, g_rad_s: float) -> Noise:
         g_rad_s,
         measured.tolist(),
         predict(scenario, mean_delays(outcome), middle).tolist(),
-        deviations(evaluation)["max_deviation_rad"],
+        summary["max_deviation_rad"],
         bool(summary["saturations"] or summary["faults"]),
     )
 

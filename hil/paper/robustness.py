@@ -14,6 +14,7 @@ from dbc.compiler import load_arm
 from hil import scenario_file
 from hil.assemble import arm_parameters, joint_trajectory
 from hil.evaluate import evaluate
+from hil.paper.deviation import evaluated
 from hil.paper.frequency_response import mean_delays
 from hil.paper.sampled_loop import Array, spectral_radius
 from hil.rig import run_inline
@@ -61,9 +62,7 @@ def _tolerate(factor: float, payload_kg: float) -> Tolerated:
     plain = scenario_file.load("paper-joint")
     load = f"load=[{{mass_kg={payload_kg}, at_s=0.0, until_s={plain.duration_s}}}]"
     settings = [_nominal(plain, (factor,) * plain.joints), *([load] if payload_kg else [])]
-    evaluation = evaluate(run_inline(scenario_file.load("paper-joint", settings)))
-    assert evaluation is not None
-    found = deviations(evaluation)
+    found = deviations(evaluated("paper-joint", *settings))
     return Tolerated(factor, payload_kg, found["max_deviation_rad"], found["final_deviation_rad"])
 
 
@@ -77,12 +76,19 @@ def _nominal(scenario: Scenario, factors: tuple[float, ...]) -> str:
 
 def limits(executor: Executor) -> list[Limit]:
     """Return the limits of Jn of each joint, as a factor, and of g, in rad/s, on paper-joint."""
-    joints = range(scenario_file.load("paper-joint").joints)
-    return list(executor.map(_limit, [*joints, None]))
-
-
-def _limit(joint: int | None) -> Limit:
     plain = scenario_file.load("paper-joint")
+    delay_s = executor.submit(_delays, plain).result()
+    quantities = [*range(plain.joints), None]
+    return list(executor.map(_limit, quantities, [delay_s] * len(quantities)))
+
+
+def _delays(scenario: Scenario) -> Array:
+    return mean_delays(run_inline(scenario))
+
+
+def _limit(joint: int | None, delay_s: Array) -> Limit:
+    plain = scenario_file.load("paper-joint")
+    inertias = inertias_along(plain)
 
     def at(value: float) -> Scenario:
         if joint is None:
@@ -92,8 +98,8 @@ def _limit(joint: int | None) -> Limit:
 
     what, low, high = ("g, rad/s", 500.0, 999.0) if joint is None else (f"Jn of joint {joint + 1}, factor", 1.0, 2.5)
     measured = bisect(lambda value: not failed(at(value)), low, high)
-    delay_s = mean_delays(run_inline(plain))
-    return Limit(what, measured, bisect(lambda value: worst_radius(at(value), delay_s) < 1.0, low, high))
+    predicted = bisect(lambda value: worst_radius(at(value), inertias, delay_s) < 1.0, low, high)
+    return Limit(what, measured, predicted)
 
 
 def bisect(holds: Callable[[float], bool], low: float, high: float) -> float:
@@ -114,16 +120,15 @@ def failed(scenario: Scenario) -> bool:
     return bool(np.max(np.abs(evaluation.deviation)) > FAILED_RAD)
 
 
-def worst_radius(scenario: Scenario, delay_s: Array) -> float:
-    """Return the spectral radius at the least stable pose of the commanded motion, with these delays [s]."""
+def inertias_along(scenario: Scenario) -> Array:
+    """Return M (K, n, n) at poses along the commanded motion."""
     motion = joint_trajectory(scenario)
     q = np.array([motion.at(t_s)[0] for t_s in np.linspace(0.0, motion.time_s, POSES)])
-    return max(
-        _radius(scenario, M, delay_s) for M in inertia(arm_parameters(scenario, load_arm()), q, np.zeros(len(q)))
-    )
+    return inertia(arm_parameters(scenario, load_arm()), q, np.zeros(len(q)))
 
 
-def _radius(scenario: Scenario, M: Array, delay_s: Array) -> float:
-    joint, dsp = scenario.joint, scenario.dsp
+def worst_radius(scenario: Scenario, inertias: Array, delay_s: Array) -> float:
+    """Return the largest spectral radius at these inertia matrices (K, n, n), with these delays [s]."""
+    joint, dsp, period_s = scenario.joint, scenario.dsp, scenario.clock.period_s
     gains = dsp.k1_1_s, dsp.k2_1_s2
-    return spectral_radius(M, joint.inertia_kg_m2, joint.g_rad_s, gains, scenario.clock.period_s, delay_s)
+    return max(spectral_radius(M, joint.inertia_kg_m2, joint.g_rad_s, gains, period_s, delay_s) for M in inertias)
