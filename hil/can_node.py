@@ -49,6 +49,8 @@ def play(
             heard = port.receive(QUIET_S)
             if heard is None and rig is not None and os.getppid() != rig:
                 raise NodeError(f"{name}: the rig is gone")
+            if heard is not None and heard[0] == drive.stop.identifier and not drive.begun:
+                continue
             for frame in drive.idle() if heard is None else drive.hear(*heard):
                 port.send(*frame)
     finally:

@@ -2,17 +2,43 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
 import can
 import pytest
 
+from hil.processes import Processes
 from tests.lab.inside import kernel
+from tests.lab.inside.warm import Warm, start_node
 
 ROOT = Path(__file__).parents[3]
 Join = Callable[..., can.BusABC]
+RESULTS = Path(os.environ.get("HIL_LAB_RESULTS", ROOT / "build" / "lab"))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "row(name): its outcome, and what it records, stand in this row of the report")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Leave what a test of a row found, passed or not, for tests/lab/report.py."""
+    found = yield
+    mark = item.get_closest_marker("row")
+    if mark is not None and not found.skipped and (found.when == "call" or found.failed):
+        got = [str(value) for _, value in item.user_properties]
+        write(f"row-{mark.args[0]}-{item.name}", {"row": mark.args[0], "got": got, "passed": found.passed})
+    return found
+
+
+def write(name: str, figures: dict[str, Any]) -> None:
+    """Leave figures in the folder of results."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    (RESULTS / f"{name}.json").write_text(json.dumps(figures, indent=2) + "\n")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -86,13 +112,42 @@ def join() -> Iterator[Join]:
 @pytest.fixture
 def report() -> Callable[[str, dict[str, Any]], None]:
     """Leave figures in the folder of results."""
-    folder = Path(os.environ.get("HIL_LAB_RESULTS", ROOT / "build" / "lab"))
-
-    def write(name: str, figures: dict[str, Any]) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.json").write_text(json.dumps(figures, indent=2) + "\n")
-
     return write
+
+
+@pytest.fixture
+def got(record_property: Callable[[str, object], None]) -> Callable[[str], None]:
+    """Say what was found, for the test's row of the report."""
+    return lambda text: record_property("got", text)
+
+
+@pytest.fixture
+def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Warm]]:
+    """Have the rig's nodes forked; they are here by name, and all have ended when the test has."""
+    started: dict[str, Warm] = {}
+
+    def start(self: Processes, name: str) -> Warm:
+        started[name] = start_node(self, name)
+        return started[name]
+
+    monkeypatch.setattr(Processes, "_start", start)
+    yield started
+    left = [name for name, process in started.items() if process.poll() is None]
+    for name in left:
+        started[name].kill()
+    assert not left, f"the rig has left {left} behind"
+
+
+@pytest.fixture(scope="session")
+def joint_c() -> Path:
+    """The program in C that plays a joint; in the lab it has been built before."""
+    needs(kernel.program, "make")
+    needs(kernel.program, "cc")
+    folder = RESULTS / "joint_c"
+    target = folder / "joint_socketcan"
+    make = ("make", "-C", str(ROOT / "examples" / "joint_c"), f"BUILD={folder}")
+    subprocess.run([*make, f"CANTOOLS={sys.executable} -m cantools", str(target)], check=True, capture_output=True)
+    return target
 
 
 def needs(ask: Callable[..., Any], *words: str) -> Any:

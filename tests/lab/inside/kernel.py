@@ -14,6 +14,8 @@ import pytest
 
 INSIDE = os.environ.get("HIL_LAB_INSIDE") == "1"
 """Whether this is the lab, where everything must be there and may be changed."""
+LOSSES = ("rx_over_errors", "rx_dropped", "rx_errors", "tx_dropped", "tx_errors")
+"""What an interface counts when it loses a frame."""
 
 
 class Unavailable(Exception):
@@ -62,6 +64,12 @@ def received(name: str) -> dict[str, int]:
 def sent(name: str) -> dict[str, int]:
     """Return the statistics of what an interface sent."""
     return dict(link(name)["stats64"]["tx"])
+
+
+def losses(*names: str) -> dict[str, int]:
+    """Return what these interfaces have lost so far, all together."""
+    folders = [Path("/sys/class/net", name, "statistics") for name in names]
+    return {loss: sum(int((folder / loss).read_text()) for folder in folders) for loss in LOSSES}
 
 
 def refused(name: str) -> int:
