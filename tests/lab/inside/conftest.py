@@ -12,12 +12,13 @@ import can
 import pytest
 
 from hil.processes import Processes
+from tests.lab import report as report_page
 from tests.lab.inside import kernel
-from tests.lab.inside.warm import Warm, start_node
+from tests.lab.inside.warm import start_node
 
 ROOT = Path(__file__).parents[3]
 Join = Callable[..., can.BusABC]
-RESULTS = Path(os.environ.get("HIL_LAB_RESULTS", ROOT / "build" / "lab"))
+RESULTS = Path(os.environ.get("HIL_LAB_RESULTS", report_page.RESULTS))
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -122,12 +123,14 @@ def got(record_property: Callable[[str, object], None]) -> Callable[[str], None]
 
 
 @pytest.fixture
-def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Warm]]:
-    """Have the rig's nodes forked; they are here by name, and all have ended when the test has."""
-    started: dict[str, Warm] = {}
+def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
+    """Have the rig's nodes forked, in the lab; they are here by name, and all have ended when the test has."""
+    started: dict[str, Any] = {}
 
-    def start(self: Processes, name: str) -> Warm:
-        started[name] = start_node(self, name)
+    begin = start_node if kernel.INSIDE else Processes._start
+
+    def start(self: Processes, name: str) -> Any:
+        started[name] = begin(self, name)
         return started[name]
 
     monkeypatch.setattr(Processes, "_start", start)

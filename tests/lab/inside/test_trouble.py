@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 import pytest
 
@@ -14,7 +15,6 @@ from hil.errors import NodeError
 from hil.sync_rig import run_on_bus
 from tests.lab.inside import kernel, rig
 from tests.lab.inside.test_rig import PATIENCE_S, Got
-from tests.lab.inside.warm import Warm
 
 STOP = 0x010
 DOWN_S = 0.5
@@ -101,7 +101,7 @@ def test_cut_link_ends_the_run_with_a_stop(cards: tuple[str, str], got: Got) -> 
 
 
 @pytest.mark.row("trouble")
-def test_killed_node_ends_the_run_with_its_name_and_a_stop(vcan: str, nodes: dict[str, Warm], got: Got) -> None:
+def test_killed_node_ends_the_run_with_its_name_and_a_stop(vcan: str, nodes: dict[str, Any], got: Got) -> None:
     witness = CanPort("socketcan", vcan, {STOP})
     with pytest.raises(NodeError, match="joint3 was killed by SIGKILL in the middle of the run") as caught:
         run(vcan, Once(lambda: os.kill(nodes["joint3"].pid, signal.SIGKILL)))

@@ -1,8 +1,8 @@
 """Processes of Python that are there at once: forked from this one, which has everything imported already.
 
 Five interpreters that start and import take a minute in the lab, and show nothing that one such start does not show:
-test_witnesses.py runs `hil run` as a user does. All other runs are of processes made here. They are as much apart as
-others, with sockets of their own.
+test_witnesses.py runs `hil run` as a user does; the processes of all other runs are made here, as much apart as others,
+with sockets of their own. Outside the lab nothing is forked.
 """
 
 import multiprocessing
@@ -16,6 +16,7 @@ from typing import Any
 from hil import can_node, cli
 from hil.addresses import fixed_addresses
 from hil.processes import Processes
+from tests.lab.inside import kernel
 
 FORK = multiprocessing.get_context("fork")
 LIMIT_S = 120.0
@@ -69,8 +70,11 @@ def start_node(self: Processes, name: str) -> Warm:
     return Warm(can_node.main, words, said, said)
 
 
-def hil(folder: Path, *words: str) -> Warm:
-    """Run the command `hil` with these words; its output goes to files of this folder."""
+def hil(folder: Path, *words: str) -> Any:
+    """Run the command `hil` with these words; forked in the lab, where its output goes to files of this folder."""
+    if not kernel.INSIDE:
+        command = [sys.executable, "-m", "hil", *words]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     return Warm(_command, words, folder / "out", folder / "err")
 
 
