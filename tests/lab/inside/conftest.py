@@ -22,7 +22,7 @@ RESULTS = Path(os.environ.get("HIL_LAB_RESULTS", report_page.RESULTS))
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "row(name): its outcome, and what it records, stand in this row of the report")
+    config.addinivalue_line("markers", "row(*names): its outcome, and what it found, stand in these rows of the report")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -32,7 +32,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
     mark = item.get_closest_marker("row")
     if mark is not None and not found.skipped and (found.when == "call" or found.failed):
         got = [str(value) for _, value in item.user_properties]
-        write(f"row-{mark.args[0]}-{item.name}", {"row": mark.args[0], "got": got, "passed": found.passed})
+        for name in mark.args:
+            write(f"row-{name}-{item.name}", {"row": name, "got": got, "passed": found.passed})
     return found
 
 
@@ -49,14 +50,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture
-def vcan() -> str:
+def alone() -> Iterator[None]:
+    """Nobody else's tests on the interfaces meanwhile."""
+    with kernel.alone():
+        yield
+
+
+@pytest.fixture
+def vcan(alone: None) -> str:  # noqa: ARG001 (it is there)
     """The kernel's virtual CAN."""
     needs(kernel.link, "vcan0")
     return "vcan0"
 
 
 @pytest.fixture
-def cards() -> tuple[str, str]:
+def cards(alone: None) -> tuple[str, str]:  # noqa: ARG001 (it is there)
     """Two cards on one bus, which the tests may load as they like: somebody has to say which."""
     names = os.environ.get("HIL_LAB_CARDS", "").split(",")
     if len(names) != 2:
@@ -117,9 +125,9 @@ def report() -> Callable[[str, dict[str, Any]], None]:
 
 
 @pytest.fixture
-def got(record_property: Callable[[str, object], None]) -> Callable[[str], None]:
+def got(request: pytest.FixtureRequest) -> Callable[[str], None]:
     """Say what was found, for the test's row of the report."""
-    return lambda text: record_property("got", text)
+    return lambda text: request.node.user_properties.append(("got", text))
 
 
 @pytest.fixture

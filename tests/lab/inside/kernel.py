@@ -1,12 +1,15 @@
 """What the kernel says of its CAN interfaces, through iproute2 and /proc; and what to do where it has none."""
 
+import fcntl
 import json
 import os
 import shutil
 import socket
 import subprocess
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -28,6 +31,14 @@ def family() -> None:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
         raise Unavailable(f"no CAN in this kernel ({error.strerror}): modprobe can_raw, or run make lab") from None
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Have the interfaces of this machine for oneself: tests run two files at a time, and a bus is for all."""
+    with Path(tempfile.gettempdir(), "hil-interfaces.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def program(name: str) -> str:

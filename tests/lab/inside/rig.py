@@ -77,16 +77,6 @@ def comparable(found: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def log_of(path: Path) -> list[tuple[int, bytes]]:
-    """Return the frames of a run that candump -L has written: from the Sync after the first AccelRef to Stop."""
-    lines = [line.split()[2].split("#") for line in path.read_text().splitlines()]
-    frames = [(int(identifier, 16), bytes.fromhex(data)) for identifier, data in lines]
-    first = next(k for k, (identifier, _) in enumerate(frames) if identifier == 0x130)
-    begin = next(k for k in range(first, len(frames)) if frames[k][0] == 0x080)
-    end = next(k for k in range(begin, len(frames)) if frames[k][0] == 0x010)
-    return frames[begin : end + 1]
-
-
 def children(pid: int) -> list[int]:
     """Return the process ids of the children."""
     return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]

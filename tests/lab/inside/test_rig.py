@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from hil.can_node import Place
 from hil.rig import Outcome
 from hil.sync_rig import run_on_bus
-from tests.lab.inside import kernel, rig
+from tests.lab.inside import candump, kernel, rig
 
 PATIENCE_S = 60.0
 AT_THE_OTHER = ("plant", "joint1", "joint3")
@@ -39,26 +40,41 @@ def same_as_inline(outcome: Outcome, name: str, duration_s: float = rig.DURATION
     )
 
 
-@pytest.mark.row("vcan0")
+def witnessed(outcome: Outcome, channel: str, path: Path) -> str:
+    """Assert that candump heard what the rig logged, and that cantools reads it; return both in a line."""
+    heard = candump.frames(path)
+    places = candump.same(outcome, heard)
+    return (
+        f"candump at {channel} heard the {len(heard)} frames that the rig logged, each identifier in order ({places} "
+        f"places differ between identifiers); cantools decoded {candump.decode(heard)}"
+    )
+
+
+@pytest.mark.row("vcan0", "witnesses")
 @pytest.mark.usefixtures("nodes")
-def test_paper_task_on_vcan0(vcan: str, got: Got) -> None:
-    outcome = run_on_bus(rig.scenario("paper-task"), Place("socketcan", vcan, {}), patience_s=PATIENCE_S)
+def test_paper_task_on_vcan0(vcan: str, tmp_path: Path, got: Got) -> None:
+    with candump.dumped(vcan, tmp_path) as path:
+        outcome = run_on_bus(rig.scenario("paper-task"), Place("socketcan", vcan, {}), patience_s=PATIENCE_S)
     got(same_as_inline(outcome, "paper-task"))
+    got(witnessed(outcome, vcan, path))
 
 
-@pytest.mark.row("cards")
+@pytest.mark.row("cards", "witnesses")
 @pytest.mark.parametrize("name", ["paper-joint", "paper-task"])
 @pytest.mark.usefixtures("nodes")
-def test_nodes_at_two_cards(name: str, cards: tuple[str, str], got: Got) -> None:
+def test_nodes_at_two_cards(name: str, cards: tuple[str, str], tmp_path: Path, got: Got) -> None:
     before = kernel.losses(*cards)
-    elsewhere = dict.fromkeys(AT_THE_OTHER, cards[1])
-    place = Place("socketcan", cards[0], {})
-    outcome = run_on_bus(rig.scenario(name), place, elsewhere=elsewhere, patience_s=PATIENCE_S)
+    place, elsewhere = Place("socketcan", cards[0], {}), dict.fromkeys(AT_THE_OTHER, cards[1])
+    with candump.dumped(cards[1], tmp_path) as path:
+        outcome = run_on_bus(rig.scenario(name), place, elsewhere=elsewhere, patience_s=PATIENCE_S)
     got(same_as_inline(outcome, name))
+    got(witnessed(outcome, cards[1], path))
     assert kernel.losses(*cards) == before
     refused = sum(report["full_queue"] for report in outcome.reports.values())
-    got(f"{', '.join(AT_THE_OTHER)} at {cards[1]}, the others at {cards[0]}; ENOBUFS met {refused} times")
-    got(f"{', '.join(kernel.LOSSES)} of both cards: 0")
+    got(
+        f"{', '.join(AT_THE_OTHER)} at {cards[1]}, the others at {cards[0]}: ENOBUFS met {refused} times; "
+        f"{', '.join(kernel.LOSSES)} of both cards 0"
+    )
 
 
 @pytest.mark.row("debugger")
