@@ -113,8 +113,8 @@ def run_to_end(command: list[str], code: Path, timeout_s: float) -> int:
 
 def reported(run: Callable[[tuple[str, ...]], int], results: Path) -> int:
     """Run the tests and write their report; return an exit code that says whether all was shown."""
-    report.clear(results)
     packages.install()
+    report.clear(results)
     build_board(results)
     code = run(tests(results))
     return report.main(results) or code

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree import ElementTree
 
 RESULTS = Path(__file__).parents[2] / "build" / "lab"
 ROWS = {
@@ -61,19 +62,29 @@ def rows(folder: Path) -> list[Row]:
     return made
 
 
-def page(found: Sequence[Row]) -> str:
+def closing(folder: Path) -> str:
+    """Return how many tests there were, and what time they took."""
+    path = folder / "junit.xml"
+    if not path.exists():
+        return "The tests did not come to their end."
+    suite = ElementTree.parse(path).getroot()[0].attrib
+    wrong = int(suite["failures"]) + int(suite["errors"])
+    return f"{suite['tests']} tests, {wrong} failed, {suite['skipped']} skipped, in {float(suite['time']):.0f} s."
+
+
+def page(found: Sequence[Row], last: str) -> str:
     """Return the page."""
     lines = ["# The lab's report", "", "| what | figure | got | |", "| --- | --- | --- | --- |"]
     for row in found:
         got = "<br>".join(text.replace("|", "\\|") for text in row.got)
         lines.append(f"| {row.what} | {row.figure} | {got} | {row.verdict} |")
-    return "\n".join([*lines, ""])
+    return "\n".join([*lines, "", last, ""])
 
 
 def main(folder: Path = RESULTS) -> int:
     """Write the page, print the verdicts; return 1 if anything was not shown."""
     found = rows(folder)
-    (folder / "report.md").write_text(page(found))
+    (folder / "report.md").write_text(page(found, closing(folder)))
     for row in found:
         print(f"lab: {row.verdict:9}  {row.what}")
     print(f"lab: {folder / 'report.md'}")
@@ -82,8 +93,8 @@ def main(folder: Path = RESULTS) -> int:
 
 def clear(folder: Path) -> None:
     """Remove what tests before these have left."""
-    for path in folder.glob("row-*.json"):
-        path.unlink()
+    for path in (*folder.glob("row-*.json"), folder / "report.md", folder / "junit.xml"):
+        path.unlink(missing_ok=True)
 
 
 if __name__ == "__main__":

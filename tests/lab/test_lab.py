@@ -200,7 +200,8 @@ def test_the_report_has_a_row_for_each_thing_to_show(tmp_path: Path, capfd: pyte
     assert {name: row.passed for name, row in found.items() if row.got} == {"vcan0": False, "cards": True, "own": True}
     assert found["burst"].passed is None
     lines = (tmp_path / "report.md").read_text().splitlines()
-    assert len(lines) == 4 + len(found)
+    assert len(lines) == 6 + len(found)
+    assert lines[-1] == "The tests did not come to their end."
     assert "vcan0-a \\| 3 frames<br>vcan0-b \\| 3 frames | FAILED |" in lines[4]
     assert "NOT SHOWN" in capfd.readouterr().out
     report.clear(tmp_path)

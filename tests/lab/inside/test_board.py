@@ -14,7 +14,7 @@ from hil.sync_rig import run_on_bus
 from tests.lab.inside import kernel, rig
 from tests.lab.inside.test_rig import PATIENCE_S, Got, same_as_inline
 
-SHORT_PATIENCE_S = 6.0
+SHORT_PATIENCE_S = 4.0
 LIMIT_S = 60.0
 STOP = 0x010
 
