@@ -78,28 +78,20 @@ class CanPort:
         """Raise NodeError for what waiting does not mend."""
         code = getattr(error, "error_code", None)
         if code not in (errno.ENOBUFS, errno.EAGAIN) and "No buffer space" not in str(error):
-            raise self._broken(f"send {identifier:#x}", error) from None
+            raise NodeError(f"{self._where}: cannot send {identifier:#x}: {error}: is the interface up?") from None
 
     def receive(self, timeout_s: float) -> tuple[int, bytes] | None:
         """Return the next data frame with 11 bits, or None; others are counted. NodeError if the interface is gone."""
         try:
             message = self.bus.recv(timeout_s)
         except (can.CanError, OSError) as error:
-            raise self._broken("receive", error) from None
+            raise NodeError(f"{self._where}: cannot receive: {error}: is the interface up?") from None
         if message is None:
             return None
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd:
             self.strangers += 1
             return None
         return message.arbitration_id, bytes(message.data)
-
-    def _broken(self, what: str, error: Exception) -> NodeError:
-        """Return what an interface that fails comes to; one that went down has lost what was on its way."""
-        code = getattr(error, "error_code", None) or getattr(error, "errno", None)
-        cure = "is the interface up?"
-        if code == errno.ENETDOWN:
-            cure = "it is down, and what was on its way is lost: see `ip link`, bring it up, and run again"
-        return NodeError(f"{self._where}: cannot {what}: {error}: {cure}")
 
     def close(self) -> None:
         """Leave the bus."""

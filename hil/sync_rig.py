@@ -57,8 +57,8 @@ def run_on_bus(
             try:
                 for name in external:
                     notice(expectation(codec, name))
-                if external:  # one of them may still be in a run whose rig was killed
-                    _stop(port, codec, notice)
+                if external:
+                    _stop_what_was_left(port, codec, notice)
                 on_wait = watchdog(notice, patience_s)
                 _start(nodes, own, on_wait)
                 _watch(witness, port, nodes, progress, on_wait)
@@ -83,6 +83,14 @@ def _stop(port: CanPort, codec: Codec, notice: Notice) -> None:
             if time.monotonic() > deadline:
                 return notice(f"no Stop was sent, and who is in run stays there: {error}")
         time.sleep(0.1)
+
+
+def _stop_what_was_left(port: CanPort, codec: Codec, notice: Notice) -> None:
+    """Take nodes to init that are still in a run whose rig was killed; what they answer belongs to no run."""
+    _stop(port, codec, notice)
+    deadline = time.monotonic() + QUIET_S
+    while (left_s := deadline - time.monotonic()) > 0:
+        port.receive(left_s)
 
 
 def by_sync(scenario: Scenario) -> Scenario:
