@@ -19,6 +19,7 @@ STOP_REASONS = {
     5: "out of reach",
     6: "encoder lost",
     7: "saturated reference",
+    8: "current lost",
 }
 STOP_IDENTIFIER = 0x010
 LOST_BY = ("crc_errors",)
