@@ -34,6 +34,7 @@ MISSED_BY = (
     "strikes",
     "missed_encoders",
     "late_currents",
+    "overdue_currents",
     "missed_currents",
     "repeated_parameters",
     "repeated_encoders",
