@@ -140,7 +140,7 @@ class Plant:
             self.missed_currents[joint - 1] -= 1  # it was counted there, and is late instead
         delay_ns = self.action_delay_ns[joint - 1]
         acts_ns = (period - age) * self.period_ns + delay_ns
-        self.overdue_currents += age == 0 and 0 < delay_ns and acts_ns < at_ns
+        self.overdue_currents += age == 0 and delay_ns > 0 and acts_ns < at_ns
         self.robot.set_current(joint, counts, max(at_ns, acts_ns))
 
     def _count_missing(self) -> None:
