@@ -53,7 +53,8 @@ def play(
                 port.send(*frame)
     finally:
         port.close()
-    return node.report() | {"full_queue": port.retries, "strange_frames": port.strangers}
+    counted = {"full_queue": port.retries, "strange_frames": port.strangers, "bus_errors": dict(port.errors.counts)}
+    return node.report() | counted
 
 
 def main() -> int:

@@ -10,10 +10,11 @@ import socket
 import time
 from collections.abc import Collection
 from contextlib import suppress
-from typing import Any
+from typing import Any, NoReturn
 
 import can
 
+from hil.bus_errors import BusErrors, see_doctor
 from hil.errors import ChannelError, NodeError
 
 FIRST_PAUSE_S = 100e-6
@@ -28,15 +29,22 @@ SO_RCVBUFFORCE = 33
 
 
 class CanPort:
-    """One socket on an interface. retries: times that the queue was full; strangers: frames that are none of ours."""
+    """One socket on an interface. retries: times that the queue was full; strangers: frames that are none of ours.
+
+    errors: what the controller told.
+    """
 
     def __init__(self, interface: str, channel: str, listens: Collection[int] | None, **options: Any) -> None:
         self.retries = 0
         self.strangers = 0
+        self.errors = BusErrors(interface, channel)
         self._where = f"{interface} {channel}"
+        self._doctor = see_doctor(interface, channel)
         filters = None
         if listens is not None:
             filters = [{"can_id": each, "can_mask": STANDARD_MASK, "extended": False} for each in sorted(listens)]
+        if interface == "hil":  # as everywhere: a controller tells of its own errors
+            options = {"error_frames": "own"} | options
         try:
             self.bus = can.Bus(interface=interface, channel=channel, can_filters=filters, **options)
         except Exception as error:  # every interface has its own way of saying so
@@ -67,31 +75,55 @@ class CanPort:
             now_s = time.monotonic()
             deadline = deadline or now_s + GIVE_UP_S
             if now_s > deadline:
-                raise NodeError(
-                    f"{self._where}: its transmit queue has been full for {GIVE_UP_S:.0f} s: nobody acknowledges, or "
-                    "the bus is off; look at `ip -details -statistics link show`"
-                ) from None
+                self._give_up()
             time.sleep(pause_s)
             pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
+
+    def _give_up(self) -> NoReturn:
+        """Raise NodeError, with what the controller told meanwhile if it did."""
+        while (message := self._take(0.0)) is not None:
+            if message.is_error_frame:
+                self.errors.hear(message.arbitration_id, bytes(message.data), time.monotonic())
+        self.errors.check(time.monotonic())
+        raise NodeError(
+            f"{self._where}: its transmit queue has been full for {GIVE_UP_S:.0f} s: nobody acknowledges, or "
+            f"the bus is off; {self._doctor}"
+        ) from None
 
     def _check(self, error: can.CanError, identifier: int) -> None:
         """Raise NodeError for what waiting does not mend."""
         code = getattr(error, "error_code", None)
         if code not in (errno.ENOBUFS, errno.EAGAIN) and "No buffer space" not in str(error):
-            raise NodeError(f"{self._where}: cannot send {identifier:#x}: {error}: is the interface up?") from None
+            raise NodeError(
+                f"{self._where}: cannot send {identifier:#x}: {error}: is the interface up? {self._doctor}"
+            ) from None
 
     def receive(self, timeout_s: float) -> tuple[int, bytes] | None:
-        """Return the next data frame with 11 bits, or None; others are counted. NodeError if the interface is gone."""
-        try:
-            message = self.bus.recv(timeout_s)
-        except (can.CanError, OSError) as error:
-            raise NodeError(f"{self._where}: cannot receive: {error}: is the interface up?") from None
+        """Return the next data frame with 11 bits, or None; others are counted.
+
+        Raises NodeError if the interface is gone, or its controller tells that nothing works.
+        """
+        deadline = time.monotonic() + timeout_s
+        while (message := self._take(max(0.0, deadline - time.monotonic()))) is not None:
+            if not message.is_error_frame:
+                break
+            self.errors.hear(message.arbitration_id, bytes(message.data), time.monotonic())
+            if time.monotonic() > deadline:
+                return None
         if message is None:
+            self.errors.check(time.monotonic())
             return None
-        if message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd:
+        self.errors.works()
+        if message.is_extended_id or message.is_remote_frame or message.is_fd:
             self.strangers += 1
             return None
         return message.arbitration_id, bytes(message.data)
+
+    def _take(self, timeout_s: float) -> can.Message | None:
+        try:
+            return self.bus.recv(timeout_s)
+        except (can.CanError, OSError) as error:
+            raise NodeError(f"{self._where}: cannot receive: {error}: is the interface up? {self._doctor}") from None
 
     def close(self) -> None:
         """Leave the bus."""

@@ -15,6 +15,8 @@ from types import MappingProxyType
 from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil.assemble import build_nodes, check_node_name
+from hil.before_run import check_place, check_silence
+from hil.bus_errors import as_wire
 from hil.can_node import QUIET_S, Place
 from hil.can_port import CanPort
 from hil.constants import reference_of
@@ -22,6 +24,7 @@ from hil.errors import NodeError, OutputError
 from hil.processes import Processes
 from hil.rig import Outcome, Progress, no_progress
 from hil.scenario import Scenario
+from hil.two_senders import TwoSenders
 from hil.watchdog import Notice, watchdog
 from hil.wire.participants import OnWait
 from hil.witness import Witness
@@ -51,6 +54,8 @@ def run_on_bus(
     own = [name for name in scenario.node_names if name not in external]
     port = CanPort(place.interface, place.channel, None, **place.options)
     try:
+        check_place(place, scenario)
+        check_silence(port, place, codec, external)
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
             nodes, witness = _processes(scenario, place, elsewhere, Path(folder)), Witness(scenario, codec)
             try:
@@ -58,8 +63,8 @@ def run_on_bus(
                     notice(expectation(codec, name))
                 on_wait = watchdog(notice, patience_s)
                 _start(nodes, own, on_wait)
-                _watch(witness, port, nodes, progress, on_wait)
-                return _outcome(scenario, witness, nodes, began)
+                _watch(witness, TwoSenders(codec), port, nodes, progress, on_wait)
+                return _outcome(scenario, witness, nodes, port, began)
             finally:
                 if not witness.stopped:
                     with suppress(NodeError):
@@ -96,12 +101,16 @@ def _start(nodes: Processes, own: Collection[str], on_wait: OnWait) -> None:
     nodes.start([name for name in own if name == "dsp"])
 
 
-def _watch(witness: Witness, port: CanPort, nodes: Processes, progress: Progress, on_wait: OnWait) -> None:
+def _watch(
+    witness: Witness, senders: TwoSenders, port: CanPort, nodes: Processes, progress: Progress, on_wait: OnWait
+) -> None:
     """Listen until Stop; look after our nodes, and after whoever keeps the others waiting."""
     moved = time.monotonic()
     while not witness.stopped:
         heard = port.receive(QUIET_S)
         now = time.monotonic()
+        if heard is not None:
+            senders.hear(*heard, witness.cycle)
         if heard is not None and witness.hear(*heard):
             moved = now
             if witness.begins_cycle(heard[0]):
@@ -111,11 +120,14 @@ def _watch(witness: Witness, port: CanPort, nodes: Processes, progress: Progress
             on_wait(witness.missing(), now - moved)
 
 
-def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, began: float) -> Outcome:
+def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, port: CanPort, began: float) -> Outcome:
     ended = time.perf_counter()
     started = ended if witness.began is None else witness.began
     wall_s, setup_wall_s = ended - started, started - began
-    return Outcome(scenario, "sync", witness.log, nodes.reports(), 0, wall_s, setup_wall_s, {}, witness.lost)
+    reports = nodes.reports()
+    told = {name: report["bus_errors"] for name, report in reports.items()} | {"rig": port.errors.counts}
+    wire = {name: as_wire(counts) for name, counts in told.items()}
+    return Outcome(scenario, "sync", witness.log, reports, 0, wall_s, setup_wall_s, wire, witness.lost)
 
 
 def expectation(codec: Codec, name: str) -> str:

@@ -70,7 +70,7 @@ def _hil(place: Place, scenario: Scenario, listen_s: float) -> list[Finding]:
     except ChannelError as error:
         return [Finding("bus", f"no {place.channel}", "a running bus", "bad", f"{error}: `hil bus {place.channel}`")]
     connection.close()
-    place = place._replace(options=place.options | {"listen_only": True})
+    place = place._replace(options=place.options | {"listen_only": True, "error_frames": "all"})
     return [
         Finding("bus", f"{place.channel}, {welcome['fidelity']}", "a running bus", "ok"),
         check_rate(welcome["bit_ns"], place.channel, scenario),

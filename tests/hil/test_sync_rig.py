@@ -140,7 +140,7 @@ def test_killed_node_ends_the_run_with_its_name_and_a_stop(hil: Any) -> None:
 def test_patience_ends_a_run_that_waits_for_a_board_and_names_it() -> None:
     said: list[str] = []
     scenario = scenario_file.load("paper-joint", SHORT)
-    with pytest.raises(NodeError, match="joint2 has not answered for [0-9]+ s \\(limit 2 s\\)"):
+    with pytest.raises(NodeError, match=r"joint2 has not answered for [0-9]+ s \(limit 2 s\)"):
         run_on_bus(scenario, PLACE, ["joint2"], notice=said.append, patience_s=2.0)
     assert any("waiting for joint2" in text for text in said)
 

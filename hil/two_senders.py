@@ -1,0 +1,47 @@
+"""Another sender of our identifiers during a run by the Sync frame, known by what it sends.
+
+Nodes say the same again while somebody is not there, but never two things of one cycle, and Sync never goes back. Only
+a joint takes its current back, when it hears Stop: then (0, 0) has the cycle of its last answer.
+CAN's own CRC keeps damage away, so a frame with our identifier and without our length and CRC-8 is not ours either.
+"""
+
+from dbc.codec import Codec
+from hil.doctor.traffic import STRANGER
+from hil.errors import ChannelError
+
+
+class TwoSenders:
+    """Hears every frame; raises ChannelError for one that a single sender would not send."""
+
+    def __init__(self, codec: Codec) -> None:
+        self._codecs = codec.by_identifier
+        self._sync = codec["Sync"].identifier
+        self._of_cycles = {each.identifier for each in codec.values() if "Cycle" in each.signals}
+        self._last: dict[int, tuple[int, bytes]] = {}
+
+    def hear(self, identifier: int, data: bytes, cycle: int) -> None:
+        """Take a frame; cycle: the present one, for the message."""
+        message = self._codecs.get(identifier)
+        if message is None:
+            return
+        fields = message.unpack(data)
+        if fields is None:
+            raise self._stranger(identifier, data, cycle, "whose length or CRC is not that of arm.dbc")
+        if identifier not in self._of_cycles:
+            return
+        byte = fields[message.signals.index("Cycle")]
+        last_byte, last = self._last.get(identifier, (byte, data))
+        if identifier == self._sync and (byte - last_byte) & 0xFF >= 0x80:
+            raise self._stranger(identifier, data, cycle, f"{byte} after {last_byte}")
+        taken_back = message.name.startswith("Current") and not any(fields[:-1])
+        if byte == last_byte and data != last and not taken_back:
+            raise self._stranger(identifier, data, cycle, f"and {_hex(last)}, both of one cycle")
+        self._last[identifier] = byte, data
+
+    def _stranger(self, identifier: int, data: bytes, cycle: int, why: str) -> ChannelError:
+        name = self._codecs[identifier].name
+        return ChannelError(f"{name} {identifier:#05x} in cycle {cycle}: {_hex(data)} {why}: {STRANGER}")
+
+
+def _hex(data: bytes) -> str:
+    return data.hex(" ").upper() or "no data"
