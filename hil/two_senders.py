@@ -1,13 +1,17 @@
 """Another sender of our identifiers during a run by the Sync frame, known by what it sends.
 
-Nodes say the same again while somebody is not there, but never two things of one cycle, and Sync never goes back. Only
-a joint takes its current back, when it hears Stop: then (0, 0) has the cycle of its last answer.
+Nodes say the same again while somebody is not there, but never two things of one cycle, never something of an earlier
+one, and nothing before its Sync. Only a joint takes its current back, when it hears Stop: then (0, 0) has the cycle of
+its last answer.
 CAN's own CRC keeps damage away, so a frame with our identifier and without our length and CRC-8 is not ours either.
 """
 
 from dbc.codec import Codec
 from hil.doctor.traffic import STRANGER
 from hil.errors import ChannelError
+
+EARLY = 1
+"""Cycles by which a frame may be ahead of the last Sync heard: sockets need not hear two senders in one order."""
 
 
 class TwoSenders:
@@ -31,9 +35,12 @@ class TwoSenders:
             return
         byte = fields[message.signals.index("Cycle")]
         last_byte, last = self._last.get(identifier, (byte, data))
-        if identifier == self._sync and (byte - last_byte) & 0xFF >= 0x80:
-            raise self._stranger(identifier, data, cycle, f"{byte} after {last_byte}")
+        sync_byte, _ = self._last.get(self._sync, (byte, data))
         taken_back = message.name.startswith("Current") and not any(fields[:-1])
+        if _ahead(byte, last_byte) < 0:
+            raise self._stranger(identifier, data, cycle, f"behind {_hex(last)} of a later cycle")
+        if identifier != self._sync and _ahead(byte, sync_byte) > EARLY:
+            raise self._stranger(identifier, data, cycle, f"before Sync {byte}")
         if byte == last_byte and data != last and not taken_back:
             raise self._stranger(identifier, data, cycle, f"and {_hex(last)}, both of one cycle")
         self._last[identifier] = byte, data
@@ -41,6 +48,11 @@ class TwoSenders:
     def _stranger(self, identifier: int, data: bytes, cycle: int, why: str) -> ChannelError:
         name = self._codecs[identifier].name
         return ChannelError(f"{name} {identifier:#05x} in cycle {cycle}: {_hex(data)} {why}: {STRANGER}")
+
+
+def _ahead(byte: int, other: int) -> int:
+    """Return by how many cycles one is ahead of another, from their lowest bytes."""
+    return ((byte - other + 0x80) & 0xFF) - 0x80
 
 
 def _hex(data: bytes) -> str:
