@@ -38,6 +38,7 @@ class CanPort:
         self.retries = 0
         self.strangers = 0
         self.errors = BusErrors(interface, channel)
+        self._place = interface, str(channel)
         self._where = f"{interface} {channel}"
         self._doctor = see_doctor(interface, channel)
         filters = None
@@ -94,9 +95,7 @@ class CanPort:
         """Raise NodeError for what waiting does not mend."""
         code = getattr(error, "error_code", None)
         if code not in (errno.ENOBUFS, errno.EAGAIN) and "No buffer space" not in str(error):
-            raise NodeError(
-                f"{self._where}: cannot send {identifier:#x}: {error}: is the interface up? {self._doctor}"
-            ) from None
+            raise self._trouble(f"cannot send {identifier:#x}", error) from None
 
     def receive(self, timeout_s: float) -> tuple[int, bytes] | None:
         """Return the next data frame with 11 bits, or None; others are counted.
@@ -123,7 +122,11 @@ class CanPort:
         try:
             return self.bus.recv(timeout_s)
         except (can.CanError, OSError) as error:
-            raise NodeError(f"{self._where}: cannot receive: {error}: is the interface up? {self._doctor}") from None
+            raise self._trouble("cannot receive", error) from None
+
+    def _trouble(self, what: str, error: Exception) -> NodeError:
+        cure = _cure(*self._place, error) or "is the interface up?"
+        return NodeError(f"{self._where}: {what}: {error}: {cure}; {self._doctor}")
 
     def close(self) -> None:
         """Leave the bus."""
@@ -132,12 +135,33 @@ class CanPort:
 
 def _refusal(interface: str, channel: str, error: Exception) -> str:
     """Return why an interface could not be opened, and what to do."""
+    cure = _cure(interface, channel, error) or "check --interface, --channel and --bus-kwargs"
+    return f"interface {interface!r}, channel {channel!r}: {error}: {cure}"
+
+
+def _cure(interface: str, channel: str, error: Exception) -> str:
+    """Return what to do about an error of an interface, or nothing."""
     number = getattr(error, "errno", None) or getattr(error, "error_code", None)
+    virtual = f"; `sudo ip link add dev {channel} type vcan` makes a virtual one" if channel.startswith("vcan") else ""
+    up, down = f"`sudo ip link set {channel} up`", "it is down, or was taken down"
+    forbidden = (
+        "not permitted: a container or a security policy forbids it: run as a user, or where, it is allowed; "
+        "a serial adapter belongs to a group: `ls -l` of its device says which"
+    )
     cures = {
-        errno.ENODEV: f"there is no such interface: see `ip link`; for a virtual one `ip link add {channel} type vcan`",
-        errno.ENETDOWN: f"it is down: `ip link set {channel} up`",
-        errno.EPERM: "not permitted: run as a user who may open CAN sockets",
+        errno.ENODEV: f"there is no such interface, or it was unplugged: `ip link` lists those there are{virtual}",
+        errno.ENETDOWN: f"{down}: {up}",
+        errno.ENXIO: f"{down}: {up}",
+        errno.EPERM: forbidden,
+        errno.EACCES: forbidden,
         errno.EAFNOSUPPORT: "this kernel has no SocketCAN: load can_raw, or take another interface",
     }
-    cure = cures.get(number or 0, "check --interface, --channel and --bus-kwargs")
-    return f"interface {interface!r}, channel {channel!r}: {error}: {cure}"
+    if number in cures:
+        return cures[number]
+    if interface not in can.VALID_INTERFACES:
+        return f"python-can has {', '.join(sorted(can.VALID_INTERFACES))}"
+    if isinstance(error, can.CanInterfaceNotImplementedError | ImportError | NameError):  # each driver in its way
+        return f"what drives it is not installed here: see {interface!r} in python-can's documentation"
+    if isinstance(error, TypeError | ValueError):
+        return f"check --bus-kwargs: they are keywords of python-can's interface {interface!r}"
+    return ""
