@@ -10,7 +10,7 @@ import socket
 import time
 from collections.abc import Collection
 from contextlib import suppress
-from typing import Any, NoReturn
+from typing import Any
 
 import can
 
@@ -76,20 +76,13 @@ class CanPort:
             now_s = time.monotonic()
             deadline = deadline or now_s + GIVE_UP_S
             if now_s > deadline:
-                self._give_up()
+                self.errors.check(now_s)
+                raise NodeError(
+                    f"{self._where}: its transmit queue has been full for {GIVE_UP_S:.0f} s: nobody acknowledges, or "
+                    f"the bus is off; {self._doctor}"
+                ) from None
             time.sleep(pause_s)
             pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
-
-    def _give_up(self) -> NoReturn:
-        """Raise NodeError, with what the controller told meanwhile if it did."""
-        while (message := self._take(0.0)) is not None:
-            if message.is_error_frame:
-                self.errors.hear(message.arbitration_id, bytes(message.data), time.monotonic())
-        self.errors.check(time.monotonic())
-        raise NodeError(
-            f"{self._where}: its transmit queue has been full for {GIVE_UP_S:.0f} s: nobody acknowledges, or "
-            f"the bus is off; {self._doctor}"
-        ) from None
 
     def _check(self, error: can.CanError, identifier: int) -> None:
         """Raise NodeError for what waiting does not mend."""
