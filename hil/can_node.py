@@ -1,4 +1,4 @@
-"""One node as a process on any python-can interface, by the Sync frame: `python -m hil.can_node ORDER.json NAME`.
+"""One node as a process on any python-can interface, by Sync or by the clock: `python -m hil.can_node ORDER.json NAME`.
 
 What the rig starts, with its order in a file; `hil node -i socketcan` does the same by hand.
 """
@@ -6,19 +6,22 @@ What the rig starts, with its order in a file; `hil node -i socketcan` does the 
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dbc.codec import Codec
 from dbc.compiler import load_arm
+from hil import real_time
 from hil.assemble import build_node
 from hil.can_port import CanPort
 from hil.errors import NodeError
-from hil.node_process import be_child
+from hil.node import Node
+from hil.node_process import be_child, write_report
 from hil.scenario import Scenario
 from hil.sync_drive import make_drive
-
-QUIET_S = 0.25
-"""Wall time without a frame after which a node looks whether its rig is still there, and says again what it said."""
+from hil.wall_drive import make_wall_drive
+from hil.wall_loop import QUIET_S, WallLoop
 
 
 class Place(NamedTuple):
@@ -32,29 +35,67 @@ class Place(NamedTuple):
 def play(
     scenario: Scenario, name: str, place: Place, ready: Path | None = None, rig: int | None = None
 ) -> dict[str, Any]:
-    """Play one node by the Sync frame until its part is over; return its report.
+    """Play one node until its part is over; return its report.
 
-    ready: a file that appears when it listens. rig: the process without which it goes on no more.
+    ready: a file that appears when it listens, and says what it was refused. rig: the process without which it goes on
+    no more.
     """
     codec = load_arm()
     node = build_node(scenario, name, codec, compiled=True)
+    loop = _by_wall if scenario.clock.kind == "wall" else _by_sync
+
+    def check() -> None:
+        if rig is not None and os.getppid() != rig:
+            raise NodeError(f"{name}: the rig is gone")
+
+    return loop(scenario, node, codec, place, ready, check)
+
+
+Check = Callable[[], None]
+
+
+def _by_sync(
+    scenario: Scenario, node: Node, codec: Codec, place: Place, ready: Path | None, check: Check
+) -> dict[str, Any]:
     drive = make_drive(node, scenario, codec)
     port = CanPort(place.interface, place.channel, drive.listens, **place.options)
     try:
-        if ready is not None:
-            ready.touch()
+        _say_ready(ready, [])
         for frame in drive.start():
             port.send(*frame)
         while not drive.finished:
             heard = port.receive(QUIET_S)
-            if heard is None and rig is not None and os.getppid() != rig:
-                raise NodeError(f"{name}: the rig is gone")
+            if heard is None:
+                check()
             for frame in drive.idle() if heard is None else drive.hear(*heard):
                 port.send(*frame)
     finally:
         port.close()
-    counted = {"full_queue": port.retries, "strange_frames": port.strangers, "bus_errors": dict(port.errors.counts)}
-    return node.report() | counted
+    return node.report() | _counted(port)
+
+
+def _by_wall(
+    scenario: Scenario, node: Node, codec: Codec, place: Place, ready: Path | None, check: Check
+) -> dict[str, Any]:
+    drive = make_wall_drive(node, scenario, codec)
+    port = CanPort(place.interface, place.channel, drive.listens, **place.options)
+    try:
+        loop = WallLoop(drive, port, scenario.clock.stamps == "hardware")
+        refused = real_time.prepare(scenario.node_names.index(node.name))
+        _say_ready(ready, refused)
+        loop.run(check)
+    finally:
+        port.close()
+    return node.report() | loop.report() | _counted(port) | {"refused": refused}
+
+
+def _counted(port: CanPort) -> dict[str, Any]:
+    return {"full_queue": port.retries, "strange_frames": port.strangers, "bus_errors": dict(port.errors.counts)}
+
+
+def _say_ready(ready: Path | None, refused: list[str]) -> None:
+    if ready is not None:
+        write_report({"refused": refused}, ready)
 
 
 def main() -> int:

@@ -2,7 +2,8 @@
 
 SocketCAN refuses a frame when the device's queue is full (ENOBUFS), and select does not tell when it no longer is. So
 sending waits and tries again, for a bounded time, and counts. Ref: linux Documentation/networking/can.rst; netdevice
-txqueuelen (10 frames by default).
+txqueuelen (10 frames by default). A small send buffer makes the socket itself wait first, as far as it is its frames
+that fill the queue.
 """
 
 import errno
@@ -16,6 +17,9 @@ import can
 
 from hil.bus_errors import BusErrors, see_doctor
 from hil.errors import ChannelError, NodeError
+from hil.stamped_socket import StampedSocket
+from hil.stamps import SystemStamps
+from hil.wire.identifier import ERROR, EXTENDED
 
 FIRST_PAUSE_S = 100e-6
 LONGEST_PAUSE_S = 10e-3
@@ -24,6 +28,8 @@ GIVE_UP_S = 5.0
 STANDARD_MASK = 0x7FF
 ROOM_BYTES = 16 << 20
 """What a socket may keep. A frame takes some 800 bytes, so the usual 208 KiB are 30 ms of a full bus."""
+QUEUED_BYTES = 4096
+"""What a socket may have under way: some five frames, fewer than the ten that a device's queue takes."""
 SO_RCVBUFFORCE = 33
 """Of asm-generic/socket.h; Python has no name for it."""
 
@@ -32,6 +38,7 @@ class CanPort:
     """One socket on an interface. retries: times that the queue was full; strangers: frames that are none of ours.
 
     errors: what the controller told.
+    came_ns: when the frame came that was received last, on CLOCK_MONOTONIC, for who asked for `stamp`.
     """
 
     def __init__(self, interface: str, channel: str, listens: Collection[int] | None, **options: Any) -> None:
@@ -39,6 +46,10 @@ class CanPort:
         self.strangers = 0
         self.errors = BusErrors(interface, channel)
         self._place = interface, str(channel)
+        self.came_ns = 0
+        self.give_up_s = GIVE_UP_S
+        self.stamps: SystemStamps | None = None
+        self.by_controller: StampedSocket | None = None
         self._where = f"{interface} {channel}"
         self._doctor = see_doctor(interface, channel)
         filters = None
@@ -52,18 +63,35 @@ class CanPort:
             raise ChannelError(_refusal(interface, channel, error)) from None
         self._make_room()
 
+    def _socket(self) -> socket.socket | None:
+        """Return the socket, if this is SocketCAN."""
+        stream = getattr(self.bus, "socket", None)
+        known = isinstance(stream, socket.socket) and hasattr(socket, "AF_CAN") and stream.family == socket.AF_CAN
+        return stream if known else None
+
+    def stamp(self, by_controller: bool = False) -> None:
+        """Have `came_ns` from now on: by the system's clock, or by the controller's where it has one."""
+        stream = self._socket()
+        if by_controller and stream is None:
+            raise ChannelError(f"{self._where}: stamps by the controller are read from SocketCAN only: leave them out")
+        if by_controller and stream is not None:
+            self.by_controller = StampedSocket(stream)
+        self.stamps = self.by_controller.system if self.by_controller else SystemStamps()
+
     def _make_room(self) -> None:
         """Let the kernel keep what comes while this process waits for a CPU (all of it if root asks)."""
-        stream = getattr(self.bus, "socket", None)
-        if not isinstance(stream, socket.socket) or not hasattr(socket, "AF_CAN") or stream.family != socket.AF_CAN:
+        stream = self._socket()
+        if stream is None:
             return
+        with suppress(OSError):
+            stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, QUEUED_BYTES)
         for option in (SO_RCVBUFFORCE, socket.SO_RCVBUF):
             with suppress(OSError):
                 stream.setsockopt(socket.SOL_SOCKET, option, ROOM_BYTES)
                 return
 
     def send(self, identifier: int, data: bytes) -> None:
-        """Send a frame; raise NodeError where the bus takes none for GIVE_UP_S."""
+        """Send a frame; raise NodeError where the bus takes none for give_up_s."""
         message = can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
         pause_s, deadline = FIRST_PAUSE_S, 0.0
         while True:
@@ -74,12 +102,12 @@ class CanPort:
                 self._check(error, identifier)
             self.retries += 1
             now_s = time.monotonic()
-            deadline = deadline or now_s + GIVE_UP_S
+            deadline = deadline or now_s + self.give_up_s
             if now_s > deadline:
                 self.errors.check(now_s)
                 raise NodeError(
-                    f"{self._where}: its transmit queue has been full for {GIVE_UP_S:.0f} s: nobody acknowledges, or "
-                    f"the bus is off; {self._doctor}"
+                    f"{self._where}: its transmit queue has been full for {self.give_up_s:g} s: nobody acknowledges, "
+                    f"or the bus is off; {self._doctor}"
                 ) from None
             time.sleep(pause_s)
             pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
@@ -87,7 +115,8 @@ class CanPort:
     def _check(self, error: can.CanError, identifier: int) -> None:
         """Raise NodeError for what waiting does not mend."""
         code = getattr(error, "error_code", None)
-        if code not in (errno.ENOBUFS, errno.EAGAIN) and "No buffer space" not in str(error):
+        full = "No buffer space" in str(error) or "Transmit buffer full" in str(error)
+        if code not in (errno.ENOBUFS, errno.EAGAIN) and not full:
             raise self._trouble(f"cannot send {identifier:#x}", error) from None
 
     def receive(self, timeout_s: float) -> tuple[int, bytes] | None:
@@ -96,26 +125,43 @@ class CanPort:
         Raises NodeError if the interface is gone, or its controller tells that nothing works.
         """
         deadline = time.monotonic() + timeout_s
-        while (message := self._take(max(0.0, deadline - time.monotonic()))) is not None:
-            if not message.is_error_frame:
+        while (frame := self._next(max(0.0, deadline - time.monotonic()))) is not None:
+            identifier, data = frame
+            if not identifier & ERROR:
                 break
-            self.errors.hear(message.arbitration_id, bytes(message.data), time.monotonic())
+            self.errors.hear(identifier & ~ERROR, data, time.monotonic())
             if time.monotonic() > deadline:
                 return None
-        if message is None:
+        if frame is None:
             self.errors.check(time.monotonic())
             return None
         self.errors.works()
-        if message.is_extended_id or message.is_remote_frame or message.is_fd:
+        if identifier > STANDARD_MASK:
             self.strangers += 1
             return None
-        return message.arbitration_id, bytes(message.data)
+        return identifier, data
 
-    def _take(self, timeout_s: float) -> can.Message | None:
+    def _next(self, timeout_s: float) -> tuple[int, bytes] | None:
+        """Return what came, None for nothing; its identifier has a flag above STANDARD_MASK if it is no data frame."""
         try:
-            return self.bus.recv(timeout_s)
+            if self.by_controller is not None:
+                return self._stamped(self.by_controller.receive(timeout_s))
+            message = self.bus.recv(timeout_s)
         except (can.CanError, OSError) as error:
             raise self._trouble("cannot receive", error) from None
+        if message is None:
+            return None
+        if self.stamps is not None:
+            self.came_ns = self.stamps.heard(round(message.timestamp * 1e9))
+        other = message.is_extended_id or message.is_remote_frame or message.is_fd
+        flag = ERROR if message.is_error_frame else EXTENDED if other else 0
+        return message.arbitration_id | flag, bytes(message.data)
+
+    def _stamped(self, frame: tuple[int, bytes, int] | None) -> tuple[int, bytes] | None:
+        if frame is None:
+            return None
+        identifier, data, self.came_ns = frame
+        return identifier, data
 
     def _trouble(self, what: str, error: Exception) -> NodeError:
         cure = _cure(*self._place, error) or "is the interface up?"

@@ -86,7 +86,7 @@ def run(
     interface: Interface = "hil",
     bus_kwargs: BusKwargs = "{}",
     clock: Annotated[
-        Literal["virtual", "sync"] | None,
+        Literal["virtual", "sync", "wall"] | None,
         typer.Option(help="Who advances time; default: virtual on the interface hil, sync on all others."),
     ] = None,
     external: Annotated[
@@ -96,19 +96,23 @@ def run(
         list[str], typer.Option("--at", metavar="NODE=CHANNEL", help="This node is at another channel (repeatable).")
     ] = [],  # noqa: B006 (as above)
 ) -> None:
-    """Run an experiment: every node a process, over CAN in virtual time, or on any CAN interface by the Sync frame."""
+    """Run an experiment: every node a process, over CAN in virtual time, or on any CAN interface (clock sync, wall)."""
     from hil import scenario_file, show
     from hil.processes import run_processes
     from hil.rig import run_inline
     from hil.sync_rig import run_on_bus
     from hil.warn import warnings
 
+    if clock is not None:
+        settings = [*settings, f"clock.kind={clock}"]
     chosen = scenario_file.load(scenario, settings)
-    place = _place(interface, channel, bus_kwargs, clock or chosen.clock.kind)
+    place = _place(interface, channel, bus_kwargs, chosen.clock.kind)
+    if pace is not None and place is not None:
+        chosen = _dilated(chosen, pace)
     if inline and (pace is not None or place is not None):
-        raise typer.BadParameter("--inline with --pace, --interface or --clock sync: leave --inline out")
+        raise typer.BadParameter("--inline with --pace, --interface or another clock than virtual: leave --inline out")
     if place is None and (external or at):
-        raise typer.BadParameter("--external and --at need a bus without time of its own: --clock sync")
+        raise typer.BadParameter("--external and --at need a bus without time of its own: --clock sync or wall")
     out = _folder(out, as_json, chosen.name)
     age_s = _age_s()
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, notice):
@@ -123,6 +127,15 @@ def run(
                 chosen, channel or f"run-{os.getpid()}", step, notice, patience or 20.0, pace or inf
             )
     _conclude(outcome, age_s, as_json, out)
+
+
+def _dilated(scenario: Any, pace: float) -> Any:
+    """Return the scenario with this pace of the clock `wall`."""
+    if scenario.clock.kind != "wall" or pace > 1.0:
+        raise typer.BadParameter(
+            f"--pace {pace:g} on a bus without time of its own: only --clock wall has one, of at most 1"
+        )
+    return scenario.model_copy(update={"clock": scenario.clock.model_copy(update={"pace": pace})})
 
 
 def _folder(out: Path | None, as_json: bool, name: str) -> Path | None:
@@ -266,7 +279,7 @@ def node(
     from hil.before_run import check_place
     from hil.can_node import play
     from hil.node_process import run_node
-    from hil.sync_rig import by_sync
+    from hil.sync_rig import for_bus
 
     if (role == "joint") != (number is not None):
         raise typer.BadParameter("write plant, dsp, or joint N")
@@ -277,7 +290,7 @@ def node(
     place = _place(interface, channel, bus_kwargs, chosen.clock.kind)
     if place is not None:
         check_place(place, chosen)
-    report = run_node(chosen, name, channel) if place is None else play(by_sync(chosen), name, place)
+    report = run_node(chosen, name, channel) if place is None else play(for_bus(chosen), name, place)
     print(f"{name}: the run is over; {show.counters(report)}")
     if report["fault"]:
         raise FaultError(f"{name}: {report['fault']}")

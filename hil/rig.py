@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from dbc.codec import Codec
@@ -30,7 +30,7 @@ class Outcome:
     """What a run left: the frames, every node's report, and how long it took.
 
     reports: by node name. wire: what each node's controller counted. wall_s: of cycles 0 to the end. setup_wall_s: from
-    the first call to cycle 0.
+    the first call to cycle 0. clock: what was measured of the machine's time, by the clock `wall`.
     """
 
     scenario: Scenario
@@ -43,6 +43,7 @@ class Outcome:
     wire: dict[str, dict[str, Any]]
     lost_frames: int = 0
     deterministic: bool = True
+    clock: dict[str, Any] = field(default_factory=dict)
 
 
 class Recorder:

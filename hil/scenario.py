@@ -46,9 +46,13 @@ class Wire(Part):
 class Clock(Part):
     """Who advances time, and the control period."""
 
-    kind: Literal["virtual", "sync"] = "virtual"
+    kind: Literal["virtual", "sync", "wall"] = "virtual"
     period_s: Period = 0.001
     setup_cycles: Annotated[int, Field(ge=10, le=100_000)] = 200
+    pace: Annotated[float, Field(ge=1e-6, le=1.0)] = 1.0
+    """Of `wall`: emulated seconds a second; below 1 time is dilated."""
+    stamps: Literal["system", "hardware"] = "system"
+    """Of `wall`: whose time stamps tell when a frame came, the kernel's or the CAN controller's."""
 
 
 class PlantModel(Part):

@@ -41,12 +41,35 @@ def result(found: Result, folder: Path | None) -> None:
     for title, run in _columns(summary):
         for line in _world(run):
             console.print(f"{title}: {line}", soft_wrap=True)
+    if "real_time" in summary:
+        _real_time(console, summary["real_time"])
     for key in ("lost_frames_by_cause", "deadline_misses_by_cause", "saturations_by_signal"):
         causes = ", ".join(f"{cause}: {count}" for cause, count in summary[key].items() if count)
         if causes:
             console.print(f"{key.replace('_', ' ')}: {causes}", soft_wrap=True)
     if folder is not None:
         console.print(f"run folder: {folder}", soft_wrap=True)
+
+
+def _real_time(console: Console, figures: dict[str, Any]) -> None:
+    """Print how late everything was, by the machine's clock."""
+    pace = "real time" if figures["pace"] == 1.0 else f"time dilated {1 / figures['pace']:g} times"
+    table = Table(title=f"by the clock, {pace}: us of wall time")
+    for column in ("", "p50", "p99", "p99.9", "largest"):
+        table.add_column(column, justify="right" if column else "left")
+    rows = {"Sync behind its deadline": figures["sync_late"], "Sync to Sync": figures["sync_interval"]}
+    rows |= {f"{name} behind Sync": found for name, found in figures["since_sync"].items()}
+    for title, found in rows.items():
+        if found is not None:
+            table.add_row(title, *(f"{found[key] * 1e6:.0f}" for key in ("p50_s", "p99_s", "p99.9_s", "max_s")))
+    console.print(table)
+    console.print(
+        f"overruns {figures['overruns']}, cycles skipped {figures['skipped_cycles']}, "
+        f"stamps older than the plant's present {figures['old_stamps']}, steps of the clock {figures['clock_steps']}"
+    )
+    for node, lines in [*figures["refused"].items(), *figures["bus_trouble"].items()]:
+        for line in lines:
+            console.print(f"{node}: {line}", soft_wrap=True)
 
 
 def report(sections: list[Section], with_tables: bool, folder: Path | None) -> None:
@@ -71,7 +94,7 @@ def counters(report: dict[str, Any]) -> str:
     for cause, count in report.items():
         if isinstance(count, dict) and cause != "process":
             found += [f"{cause} of {name}: {number}" for name, number in count.items() if number]
-        elif count and isinstance(count, int | str):
+        elif count and isinstance(count, int | str) and cause != "braked_ns":
             found.append(f"{cause.replace('_', ' ')}: {count}")
     return ", ".join(found) or "nothing was lost, missed or saturated"
 

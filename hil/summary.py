@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.evaluate import Array, Evaluation
 from hil.rig import Outcome
+from hil.wall_summary import real_time
 
 STOP_REASONS = {
     0: "end",
@@ -19,9 +20,10 @@ STOP_REASONS = {
     5: "out of reach",
     6: "encoder lost",
     7: "saturated reference",
+    8: "current lost",
 }
 STOP_IDENTIFIER = 0x010
-LOST_BY = ("crc_errors",)
+LOST_BY = ("crc_errors", "unsent")
 MISSED_BY = (
     "skipped_status",
     "strikes",
@@ -30,6 +32,8 @@ MISSED_BY = (
     "missed_currents",
     "repeated_parameters",
     "repeated_encoders",
+    "skipped_cycles",
+    "old_stamps",
 )
 
 
@@ -63,6 +67,7 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "faults": faults(outcome),
         **({} if evaluation is None else deviations(evaluation)),
         **({} if evaluation is None else world(evaluation)),
+        **real_time(outcome),
         **({"missed_grasps": outcome.reports["plant"]["missed_grasps"]} if scenario.has_world else {}),
         "processes": {name: report["process"] for name, report in outcome.reports.items() if "process" in report},
         "platform": f"Python {platform.python_version()}, {' '.join(platform.libc_ver())}, {platform.machine()}",

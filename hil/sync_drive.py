@@ -65,7 +65,11 @@ class SyncDrive:
         """Hand over a frame that the node stores, and know of which cycle it is."""
         self.latest[identifier] = self._cycle_of(identifier, data)
         if identifier in self.node.stores:
-            self.node.store(identifier, data, self.now_ns)
+            self.node.store(identifier, data, self._instant())
+
+    def _instant(self) -> int:
+        """Return when the frame came that is heard now, in emulated time."""
+        return self.now_ns
 
     def _cycle_of(self, identifier: int, data: bytes) -> int | None:
         """Return the lowest byte of the cycle that a frame belongs to, its last value; None for a damaged one."""
@@ -139,12 +143,16 @@ class JointDrive(SyncDrive):
         byte = self._cycle_of(self.encoder, data)
         cycle = self.cycle if byte is None else self._nearest(byte)
         reference = self._references.pop((cycle - 1) & 0xFF, None) if cycle >= 0 else None
-        if cycle >= 0 and reference is None and (self.encoder, data) != self._question:
+        if reference is None and self._waits(cycle) and (self.encoder, data) != self._question:
             return []
         if reference is not None and self.reference in self.node.stores:
             self.node.store(self.reference, reference, self.now_ns)
         self._waiting, self.cycle = None, max(self.cycle, cycle)
         return self._answer(self.encoder, data)
+
+    def _waits(self, cycle: int) -> bool:
+        """Return whether Encoder of this cycle waits for the reference of the one before."""
+        return cycle >= 0
 
 
 class PlantDrive(SyncDrive):
@@ -181,12 +189,16 @@ class PlantDrive(SyncDrive):
     def _go_on(self) -> list[Frame]:
         assert self._waiting is not None
         (identifier, data), self._waiting = self._waiting, None
-        self.cycle += 1
-        self._last = self._frames(self.node.on_timer(self.now_ns))
+        self._last = self._advance(identifier, data)
         return self._end(data) if identifier == self.stop.identifier else self._last
 
+    def _advance(self, _identifier: int, _data: bytes) -> list[Frame]:
+        """Carry the arm to the beginning of the next cycle."""
+        self.cycle += 1
+        return self._frames(self.node.on_timer(self.now_ns))
+
     def _end(self, data: bytes) -> list[Frame]:
-        self.node.store(self.stop.identifier, data, self.now_ns)
+        self.node.store(self.stop.identifier, data, self._instant())
         self.stopped = True
         return []
 
@@ -218,14 +230,21 @@ class DSPDrive(SyncDrive):
         if identifier in self.encoders:
             self._positions[identifier] = data
             self.latest[identifier] = self._cycle_of(identifier, data)
-            if not self._answered and self._has(self.encoders, self.cycle):
+            if not self._answered and self._has(self._awaited(), self.cycle):
                 frames = self._answer_encoders()
         elif identifier in self.currents:
             self.latest[identifier] = self._cycle_of(identifier, data)
         else:
             self._later.append((identifier, data))
-        over = self._answered and not self.node.finished and self._has(self.currents, self.cycle)
-        return frames + self._next_cycle() if over else frames
+        return frames + self._next_cycle() if self._over() else frames
+
+    def _over(self) -> bool:
+        """Return whether the cycle is over."""
+        return self._answered and not self.node.finished and self._has(self.currents, self.cycle)
+
+    def _awaited(self) -> list[int]:
+        """Return the Encoders that it needs before it answers."""
+        return self.encoders
 
     def idle(self) -> list[Frame]:
         """Say Sync again, before the run."""
@@ -235,7 +254,8 @@ class DSPDrive(SyncDrive):
         self._answered = True
         *others, last = self.encoders
         for each in others:
-            self.node.store(each, self._positions[each], self.now_ns)
+            if each in self._positions:
+                self.node.store(each, self._positions[each], self.now_ns)
         return self._frames(self.node.on_frame(last, self._positions[last], self.now_ns))
 
     def _next_cycle(self) -> list[Frame]:

@@ -1,6 +1,7 @@
-"""A run on any python-can interface, by the Sync frame: processes for the nodes that are ours, patience for the others.
+"""A run on any python-can interface, by Sync or by the clock: processes for our nodes, patience for the others.
 
-The rig itself only listens. Its log has every frame of the run at the beginning of its cycle, as under `functional`.
+The rig itself only listens. By Sync its log has every frame of the run at the beginning of its cycle, as under
+`functional`; by the clock `wall` where its stamp says.
 """
 
 import json
@@ -8,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Collection, Mapping
 from contextlib import suppress
+from itertools import chain
 from math import inf
 from pathlib import Path
 from types import MappingProxyType
@@ -17,14 +19,17 @@ from dbc.compiler import load_arm
 from hil.assemble import build_nodes, check_node_name
 from hil.before_run import check_place, check_silence
 from hil.bus_errors import as_wire
-from hil.can_node import QUIET_S, Place
+from hil.can_node import Place
 from hil.can_port import CanPort
 from hil.constants import reference_of
 from hil.errors import NodeError, OutputError
 from hil.processes import Processes
 from hil.rig import Outcome, Progress, no_progress
 from hil.scenario import Scenario
+from hil.sync_drive import Frame
 from hil.two_senders import TwoSenders
+from hil.wall_loop import QUIET_S
+from hil.wall_witness import WallWitness
 from hil.watchdog import Notice, watchdog
 from hil.wire.participants import OnWait
 from hil.witness import Witness
@@ -42,27 +47,31 @@ def run_on_bus(
     notice: Notice = lambda _text: None,
     patience_s: float = inf,
 ) -> Outcome:
-    """Run a scenario by the Sync frame; external: nodes that somebody else plays; elsewhere: channels by node.
+    """Run a scenario by its clock, `wall` or `sync`; external: nodes of somebody else; elsewhere: channels by node.
 
     Raises NodeError naming a node of ours that died, or whoever has not answered for patience_s; the robot is stopped.
     """
     began = time.perf_counter()
     for name in (*external, *elsewhere):
         check_node_name(scenario, name)
-    scenario, codec = by_sync(scenario), load_arm()
+    scenario, codec = for_bus(scenario), load_arm()
+    by_wall = scenario.clock.kind == "wall"
     build_nodes(scenario)
     own = [name for name in scenario.node_names if name not in external]
     port = CanPort(place.interface, place.channel, None, **place.options)
+    if by_wall:
+        port.stamp()
     try:
         check_place(place, scenario)
         check_silence(port, place, codec, external)
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
-            nodes, witness = _processes(scenario, place, elsewhere, Path(folder)), Witness(scenario, codec)
+            nodes = _processes(scenario, place, elsewhere, Path(folder))
+            witness = WallWitness(scenario, codec) if by_wall else Witness(scenario, codec)
             try:
                 for name in external:
                     notice(expectation(codec, name))
                 on_wait = watchdog(notice, patience_s)
-                _start(nodes, own, on_wait)
+                _start(nodes, own, on_wait, notice)
                 _watch(witness, TwoSenders(codec), port, nodes, progress, on_wait)
                 return _outcome(scenario, witness, nodes, port, began)
             finally:
@@ -76,8 +85,13 @@ def run_on_bus(
         port.close()
 
 
-def by_sync(scenario: Scenario) -> Scenario:
-    """Return the scenario with the rule of `functional`: each current acts at its delay after the cycle's start."""
+def for_bus(scenario: Scenario) -> Scenario:
+    """Return the scenario as a bus without time of its own runs it: by its clock `wall`, or else by Sync.
+
+    By Sync the rule is that of `functional`: each current acts at its delay after the cycle's start.
+    """
+    if scenario.clock.kind == "wall":
+        return scenario
     bus = scenario.bus.model_copy(update={"fidelity": "functional"})
     return scenario.model_copy(update={"bus": bus, "clock": scenario.clock.model_copy(update={"kind": "sync"})})
 
@@ -89,7 +103,7 @@ def _processes(scenario: Scenario, place: Place, elsewhere: Mapping[str, str], f
     return Processes(folder, lambda name: ["hil.can_node", str(order), name])
 
 
-def _start(nodes: Processes, own: Collection[str], on_wait: OnWait) -> None:
+def _start(nodes: Processes, own: Collection[str], on_wait: OnWait, notice: Notice) -> None:
     """Start our nodes, the DSP when the others listen: a bus keeps nothing for who comes later."""
     listening = [name for name in own if name != "dsp"]
     nodes.start(listening)
@@ -98,6 +112,9 @@ def _start(nodes: Processes, own: Collection[str], on_wait: OnWait) -> None:
         nodes.check(missing)
         on_wait(missing[0], time.monotonic() - began)
         time.sleep(0.01)
+    refused = [json.loads((nodes.folder / f"{name}.ready").read_text())["refused"] for name in listening]
+    for line in dict.fromkeys(chain(*refused)):
+        notice(line)
     nodes.start([name for name in own if name == "dsp"])
 
 
@@ -107,27 +124,57 @@ def _watch(
     """Listen until Stop; look after our nodes, and after whoever keeps the others waiting."""
     moved = time.monotonic()
     while not witness.stopped:
-        heard = port.receive(QUIET_S)
+        heard = _receive(witness, port)
         now = time.monotonic()
-        if heard is not None:
+        if heard is not None and not witness.in_real_time:
             senders.hear(*heard, witness.cycle)
-        if heard is not None and witness.hear(*heard):
+        if heard is not None and witness.hear(*heard, port.came_ns):
             moved = now
             if witness.begins_cycle(heard[0]):
                 progress(witness.done)
-        elif heard is None:
-            nodes.check(name for name, process in nodes.processes.items() if process.poll() is not None)
+        elif heard is None and now - moved > witness.patience_s:
+            ended = [name for name, process in nodes.processes.items() if process.poll() is not None]
+            if witness.in_real_time and len(ended) == len(nodes.processes):
+                return
+            nodes.check(name for name in ended if not witness.in_real_time or nodes.processes[name].returncode)
             on_wait(witness.missing(), now - moved)
+
+
+def _receive(witness: Witness, port: CanPort) -> Frame | None:
+    """Return a frame, or None; by the clock the nodes go on without a bus that is down, and say what they did."""
+    try:
+        return port.receive(QUIET_S)
+    except NodeError:
+        if not witness.in_real_time:
+            raise
+        time.sleep(QUIET_S)
+        return None
 
 
 def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, port: CanPort, began: float) -> Outcome:
     ended = time.perf_counter()
     started = ended if witness.began is None else witness.began
     wall_s, setup_wall_s = ended - started, started - began
-    reports = nodes.reports()
+    clock = witness.figures()
+    try:
+        reports = nodes.reports()
+    except NodeError as error:
+        raise NodeError(f"{error}; {witness.end()}") from None
     told = {name: report["bus_errors"] for name, report in reports.items()} | {"rig": port.errors.counts}
-    wire = {name: as_wire(counts) for name, counts in told.items()}
-    return Outcome(scenario, "sync", witness.log, reports, 0, wall_s, setup_wall_s, wire, witness.lost)
+    kind = scenario.clock.kind
+    return Outcome(
+        scenario,
+        kind,
+        witness.log,
+        reports,
+        bits_on_wire=0,
+        wall_s=wall_s,
+        setup_wall_s=setup_wall_s,
+        wire={name: as_wire(counts) for name, counts in told.items()},
+        lost_frames=witness.lost,
+        deterministic=kind == "sync",
+        clock=clock,
+    )
 
 
 def expectation(codec: Codec, name: str) -> str:

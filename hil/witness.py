@@ -1,6 +1,7 @@
 """What a rig that only listens knows of a run by the Sync frame: its cycle, its log, and whose turn it is."""
 
 import time
+from typing import Any
 
 from dbc.codec import Codec
 from hil.constants import cycle_frames
@@ -13,6 +14,11 @@ class Witness:
 
     lost: frames that were on the bus, since the next Sync stands for them, and that the rig was too slow to hear.
     """
+
+    in_real_time = False
+    """Whether silence is a matter of the nodes' own time."""
+    patience_s = 0.0
+    """For how long nothing may be heard until one looks what has become of the nodes."""
 
     def __init__(self, scenario: Scenario, codec: Codec) -> None:
         self.log = FrameLog()
@@ -27,8 +33,11 @@ class Witness:
         self._due = [name for name in cycle_frames(scenario.joints) if name != "State"]
         self._heard: set[str] = set()
 
-    def hear(self, identifier: int, data: bytes) -> bool:
-        """Take a frame; return whether it moved the run on: one that comes again, or nobody knows, does not."""
+    def hear(self, identifier: int, data: bytes, came_ns: int = 0) -> bool:
+        """Take a frame; return whether it moved the run on: one that comes again, or nobody knows, does not.
+
+        came_ns: when it came, on CLOCK_MONOTONIC; by Sync that does not matter.
+        """
         name = self._names.get(identifier)
         if name is None:
             self.strange += 1
@@ -40,8 +49,12 @@ class Witness:
             return False
         moved = name not in self._heard
         self._heard.add(name)
-        self.log.watch(self.cycle * self._period_ns, identifier, data, sender_of(name))
+        self.log.watch(self._instant(name, came_ns), identifier, data, sender_of(name))
         return moved
+
+    def _instant(self, _name: str, _came_ns: int) -> int:
+        """Return when a frame was on the bus, in ns since cycle 0: by Sync, at the beginning of its cycle."""
+        return self.cycle * self._period_ns
 
     @property
     def done(self) -> float:
@@ -57,12 +70,28 @@ class Witness:
         ahead = 0 if fields is None else (fields[0] - self.cycle) & 0xFF
         self.cycle += ahead
         if ahead and self.cycle > 0:
-            self.lost += len([name for name in self._due if name not in self._heard]) + (ahead - 1) * len(self._due)
+            self._count_missing([name for name in self._due if name not in self._heard], ahead - 1)
         if ahead:
             self._heard.clear()
         if self.began is None and self.cycle >= 0:
             self.began = time.perf_counter()
         return ahead > 0
+
+    def _count_missing(self, names: list[str], cycles: int) -> None:
+        """Count what was not heard, of the cycle that ends and of whole cycles behind it."""
+        self.lost += len(names) + cycles * len(self._due)
+
+    def figures(self) -> dict[str, Any]:
+        """Return what was measured of the run's time: by Sync it has none."""
+        return {}
+
+    def end(self) -> str:
+        """Say how the run ended that was heard."""
+        if not self.log.frames:
+            return "the run had not begun"
+        end_ns, identifier, data, sender = self.log.frames[-1]
+        stopped = f", with Stop from {sender}, reason {data[0]}" if identifier == self._stop.identifier and data else ""
+        return f"the last frame was heard at {end_ns * 1e-9:.3f} s{stopped}"
 
     def missing(self) -> str:
         """Return who is to speak next: the sender of the first frame of this cycle that has not come, else the DSP."""

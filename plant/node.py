@@ -2,7 +2,8 @@
 
 One wake-up a period: at kT it carries the arm through the period that ends there, with every Current stored since at
 its own instant, then sends Encoder k. The brakes release at the cycle after the first AccelRef, which is cycle 0, and
-engage by Stop.
+engage by Stop. Where a joint gives no Current for three periods in a row, nobody controls it any more, whatever the
+reason: the brakes engage, and the plant says so by Stop.
 """
 
 from collections.abc import Sequence
@@ -15,8 +16,10 @@ from plant.contact import Touch
 from plant.external import ExternalTorque, changes
 from plant.robot import Robot
 
-INIT, READY, RUN = 0, 1, 2
-NO_FAULT, STOPPED = 0, 4
+INIT, READY, RUN, FAULT = 0, 1, 2, 3
+NO_FAULT, STOPPED, CURRENT_LOST = 0, 4, 8
+STOP_CURRENT_LOST = 8
+MISSES_TO_FAULT = 3
 
 Reaction = tuple[int, int | None, list[tuple[int, int, bytes]]]
 
@@ -56,14 +59,18 @@ class Plant:
         self.codecs = codec.by_identifier
         self.release = codec["AccelRef"].identifier
         self.stop = codec["Stop"].identifier
+        self.pack_stop = codec["Stop"].pack
         self.stores = (*self.currents, self.release, self.stop)
 
         self.state = INIT
         self.answered = [False] * len(joints)
         self.missed_currents = [0] * len(joints)
+        self.missed_in_a_row = [0] * len(joints)
         self.late_currents = 0
         self.stopped = False
         self.finished = False
+        self.message = ""
+        self.braked_ns: int | None = None
         self.crc_errors = 0
         self.rows: list[tuple[float, ...]] = []
         for mass_kg, at_ns in payloads:
@@ -89,8 +96,7 @@ class Plant:
         elif self.codecs[identifier].unpack(data) is None:
             self.crc_errors += 1
         elif identifier == self.stop:
-            self.robot.engage_brakes(at_ns)
-            self.state, self.stopped = INIT, True
+            self._brake(at_ns)
         elif self.state == INIT and not self.stopped:
             self.state = READY
 
@@ -100,13 +106,15 @@ class Plant:
         if self.state == READY:
             robot.release_brakes(now_ns)
             self.state = RUN
-        elif self.state == RUN and False in self.answered:
+        elif self.state == RUN:
             self._count_missing()
         robot.advance_to(now_ns)
         for at_ns, joint, torque_Nm in changes(self.torques, now_ns, now_ns + self.period_ns):
             robot.set_external_torque(joint, torque_Nm, at_ns)
         if self.state == RUN:
             self._record()
+            if max(self.missed_in_a_row) >= MISSES_TO_FAULT:
+                return self.lose(now_ns)
         self.finished = self.stopped
         self.answered = [False] * len(self.answered)
         cycle = now_ns // self.period_ns & 0xFF
@@ -125,6 +133,7 @@ class Plant:
         period = at_ns // self.period_ns
         age = (period - cycle) & 0xFF
         self.answered[joint - 1] |= age == 0
+        self.missed_in_a_row[joint - 1] = 0
         if age > 0 and self.state == RUN:
             self.late_currents += 1
             self.missed_currents[joint - 1] -= 1  # it was counted there, and is late instead
@@ -133,8 +142,27 @@ class Plant:
 
     def _count_missing(self) -> None:
         """Count joints whose Current of the period that ends did not come; the amplifier held the last one."""
+        if all(self.answered):
+            self.missed_in_a_row = [0] * len(self.answered)
+            return
         for joint, answered in enumerate(self.answered):
             self.missed_currents[joint] += not answered
+            self.missed_in_a_row[joint] = 0 if answered else self.missed_in_a_row[joint] + 1
+
+    def lose(self, now_ns: int, who: str = "") -> Reaction:
+        """Engage the brakes and say Stop; who: that was lost, by default the joints without a Current."""
+        silent = [n for n, missed in enumerate(self.missed_in_a_row, start=1) if missed >= MISSES_TO_FAULT]
+        who = who or "Current of " + ", ".join(f"joint{n}" for n in silent)
+        self.message = f"no {who} for {MISSES_TO_FAULT} periods: brakes engaged"
+        self._brake(now_ns)
+        self.state, self.finished = FAULT, True
+        return 0, None, [(0, self.stop, self.pack_stop(STOP_CURRENT_LOST))]
+
+    def _brake(self, at_ns: int) -> None:
+        self.robot.engage_brakes(at_ns)
+        self.state, self.stopped = INIT, True
+        if self.braked_ns is None:
+            self.braked_ns = at_ns
 
     def _record(self) -> None:
         """Keep the truth at kT, the currents and accelerations being those of the instant."""
@@ -173,7 +201,8 @@ class Plant:
         joints = range(1, len(self.encoders) + 1)
         columns = [f"{name}_{n}" for name in names for n in joints]
         return {
-            "fault": "",
+            "fault": self.message,
+            "braked_ns": self.braked_ns,
             "skipped_status": self.status.skipped,
             "crc_errors": self.crc_errors,
             "late_currents": self.late_currents,

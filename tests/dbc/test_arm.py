@@ -109,11 +109,11 @@ def test_all_but_stop_and_sync_are_protected(message):
 @pytest.mark.parametrize(
     ("message", "signal", "choices"),
     [
-        ("Stop", "Reason", 8),
+        ("Stop", "Reason", 9),
         ("Parameter_1", "Index", 6),
         ("Acknowledge_3", "Index", 6),
         ("State_0", "State", 4),
-        ("State_7", "Fault", 8),
+        ("State_7", "Fault", 9),
         ("Heartbeat_2", "State", 4),
     ],
 )

@@ -146,3 +146,28 @@ def test_the_record_names_its_columns(plant):
     report = plant.report()
     assert len(report["columns"]) == len(report["rows"][0]) == 19
     assert report["rows"][0][:3] == START
+
+
+def test_it_brakes_where_a_joint_gives_no_current_for_three_periods(plant):
+    started(plant)
+    for cycle in range(1, 4):
+        for joint in (1, 3):
+            current(plant, joint, cycle - 1, 100, cycle * T_NS - 300_000)
+        reaction = plant.on_timer(cycle * T_NS)
+    assert reaction == (0, None, [(0, CODEC["Stop"].identifier, b"\x08")])
+    assert plant.robot.brake_states == ("engaging",) * 3
+    assert plant.finished
+    report = plant.report()
+    assert report["fault"] == "no Current of joint2 for 3 periods: brakes engaged"
+    assert report["braked_ns"] == 3 * T_NS
+    assert len(report["rows"]) == 4
+
+
+def test_a_current_that_comes_late_every_time_is_a_sign_of_life(plant):
+    started(plant)
+    for cycle in range(1, 8):
+        for joint in (1, 2, 3):
+            current(plant, joint, cycle - (2 if joint == 2 and cycle > 1 else 1), 100, cycle * T_NS - 300_000)
+        plant.on_timer(cycle * T_NS)
+    assert plant.report()["fault"] == ""
+    assert plant.late_currents == 6

@@ -1,0 +1,34 @@
+"""How long things took: quantiles and a histogram, in seconds."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+QUANTILES = {"p50_s": 0.5, "p99_s": 0.99, "p99.9_s": 0.999}
+BINS_A_DECADE = 10
+SMALLEST_S = 1e-6
+
+
+def distribution(values_s: Sequence[float]) -> dict[str, Any] | None:
+    """Return count, least, p50, p99, p99.9, largest, and a histogram over logarithmic bins; None without values.
+
+    edges_s has one entry more than counts; what is below the first edge counts in the first bin. A quantile is a value
+    that was measured: the least that this share of all does not exceed.
+    """
+    if not len(values_s):
+        return None
+    values = np.asarray(values_s, dtype=float)
+    found = {name: float(np.quantile(values, share, method="inverted_cdf")) for name, share in QUANTILES.items()}
+    counts, edges = _histogram(np.maximum(values, SMALLEST_S))
+    histogram = {"edges_s": edges, "counts": counts}
+    return {"count": len(values), "min_s": float(values.min())} | found | {"max_s": float(values.max())} | histogram
+
+
+def _histogram(values: Any) -> tuple[list[int], list[float]]:
+    """Return (counts, edges): from SMALLEST_S on, as many bins as it takes."""
+    decades = np.log10(values.max() / SMALLEST_S)
+    bins = max(1, int(np.floor(decades * BINS_A_DECADE)) + 1)
+    edges = SMALLEST_S * 10.0 ** (np.arange(bins + 1) / BINS_A_DECADE)
+    counts, _ = np.histogram(values, edges)
+    return counts.tolist(), edges.tolist()
