@@ -11,7 +11,7 @@ from hil.bus_errors import see_doctor
 from hil.can_node import Place
 from hil.can_port import CanPort
 from hil.doctor import traffic
-from hil.doctor.examine import check_rate
+from hil.doctor.examine import check_rate, inside_one_process
 from hil.doctor.finding import Finding
 from hil.doctor.link import read_link
 from hil.doctor.link_checks import bit_rate, controller, error_state, interface, up
@@ -38,6 +38,8 @@ def _findings(place: Place, scenario: Scenario) -> Iterator[Finding]:
         connection, welcome = client.join(place.channel, f"rate-{os.getpid()}", False, listen_only=True)
         connection.close()
         yield check_rate(welcome["bit_ns"], place.channel, scenario)
+    elif place.interface == "virtual":
+        yield inside_one_process(f"{place.interface} {place.channel}")
     elif place.interface == "socketcan" and (link := read_link(place.channel)) is not None:
         yield interface(link)
         yield up(link, scenario)

@@ -10,8 +10,9 @@ from dbc.codec import Codec
 from hil.doctor.traffic import STRANGER
 from hil.errors import ChannelError
 
-EARLY = 1
-"""Cycles by which a frame may be ahead of the last Sync heard: sockets need not hear two senders in one order."""
+EARLY = 3
+"""Cycles by which a frame may be ahead of the last Sync heard: sockets need not hear two senders in one order, and a
+controller's FIFO that overran may have lost a Sync or two."""
 
 
 class TwoSenders:

@@ -147,7 +147,7 @@ STRANGE = {
     "two states": ([frame("State_1", 1, 0, 0, 0, 0, 5), frame("State_1", 2, 0, 0, 0, 0, 5)], "State_1 0x401"),
     "Sync goes back": ([frame("Sync", 2), frame("Sync", 254)], "FE behind 02 of a later cycle"),
     "a cycle of long ago": ([frame("Current_1", 7, 3, 9), frame("Current_1", 7, 3, 8)], "Current_1 0x121 in cycle 9"),
-    "a cycle to come": ([frame("Sync", 254), frame("Encoder_1", 7, 0)], "before Sync 0: another sender"),
+    "a cycle to come": ([frame("Sync", 254), frame("Encoder_1", 7, 2)], "before Sync 2: another sender"),
     "wrong length": ([(0x101, b"\1\2\3")], "whose length or CRC is not that of arm.dbc"),
     "wrong CRC": ([(0x121, bytes(6))], "Current_1 0x121 in cycle 9: 00 00 00 00 00 00 whose length or CRC"),
 }
@@ -169,6 +169,7 @@ LEGAL = {
     "again": [frame("Encoder_1", 7, 3)] * 3,
     "the next cycle": [frame("Encoder_1", 7, 255), frame("Encoder_1", 8, 0)],
     "a late Sync": [frame("Sync", 255), frame("Encoder_1", 7, 0), frame("Sync", 0)],
+    "two Syncs lost": [frame("Sync", 253), frame("Encoder_1", 7, 0)],
     "cycles that the rig did not hear": [frame("Sync", 250), frame("Sync", 4), frame("Sync", 100)],
     "a joint that heard Stop": [frame("Current_1", 7, 3, 9), frame("Current_1", 0, 0, 9)],
     "the set-up": [frame("Parameter_1", 0, 7, 1), frame("Parameter_1", 1, 8, 1)],
