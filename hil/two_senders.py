@@ -2,7 +2,7 @@
 
 Nodes say the same again while somebody is not there, but never two things of one cycle, never something of an earlier
 one, and nothing before its Sync. Only a joint takes its current back, when it hears Stop: then (0, 0) has the cycle of
-its last answer.
+its last answer, and the run does not go on.
 CAN's own CRC keeps damage away, so a frame with our identifier and without our length and CRC-8 is not ours either.
 """
 
@@ -23,6 +23,7 @@ class TwoSenders:
         self._sync = codec["Sync"].identifier
         self._of_cycles = {each.identifier for each in codec.values() if "Cycle" in each.signals}
         self._last: dict[int, tuple[int, bytes]] = {}
+        self._doubt: tuple[int, ChannelError] | None = None
 
     def hear(self, identifier: int, data: bytes, cycle: int) -> None:
         """Take a frame; cycle: the present one, for the message."""
@@ -32,19 +33,28 @@ class TwoSenders:
         fields = message.unpack(data)
         if fields is None:
             raise self._stranger(identifier, data, cycle, "whose length or CRC is not that of arm.dbc")
-        if identifier not in self._of_cycles:
+        if identifier not in self._of_cycles or (identifier != self._sync and self._sync not in self._last):
             return
         byte = fields[message.signals.index("Cycle")]
+        why = self._objection(identifier, byte, data)
+        if not why:
+            self._last[identifier] = byte, data
+        elif message.name.startswith("Current") and not any(fields[:-1]):
+            self._doubt = self._doubt or (byte, self._stranger(identifier, data, cycle, why))
+        else:
+            raise self._stranger(identifier, data, cycle, why)
+        if self._doubt is not None and identifier == self._sync and _ahead(byte, self._doubt[0]) > EARLY:
+            raise self._doubt[1]
+
+    def _objection(self, identifier: int, byte: int, data: bytes) -> str:
+        """Return why a single sender would not send this, or nothing."""
         last_byte, last = self._last.get(identifier, (byte, data))
         sync_byte, _ = self._last.get(self._sync, (byte, data))
-        taken_back = message.name.startswith("Current") and not any(fields[:-1])
         if _ahead(byte, last_byte) < 0:
-            raise self._stranger(identifier, data, cycle, f"behind {_hex(last)} of a later cycle")
+            return f"behind {_hex(last)} of a later cycle"
         if identifier != self._sync and _ahead(byte, sync_byte) > EARLY:
-            raise self._stranger(identifier, data, cycle, f"before Sync {byte}")
-        if byte == last_byte and data != last and not taken_back:
-            raise self._stranger(identifier, data, cycle, f"and {_hex(last)}, both of one cycle")
-        self._last[identifier] = byte, data
+            return f"before Sync {byte}"
+        return f"and {_hex(last)}, both of one cycle" if byte == last_byte and data != last else ""
 
     def _stranger(self, identifier: int, data: bytes, cycle: int, why: str) -> ChannelError:
         name = self._codecs[identifier].name

@@ -141,13 +141,19 @@ def frame(name: str, *values: int) -> tuple[int, bytes]:
     return CODEC[name].identifier, CODEC[name].pack(*values)
 
 
+FIRST = frame("Sync", 0)
+
 STRANGE = {
+    "two boards for one joint": (
+        [frame("Current_1", 7, 3, 1), frame("Current_1", 0, 0, 1), frame("Sync", 2), frame("Sync", 5)],
+        "Current_1 0x121 in cycle 9: 00 00 00 00 01",
+    ),
     "two encoders": ([frame("Encoder_1", 7, 3), frame("Encoder_1", 8, 3)], "Encoder_1 0x101 in cycle 9"),
     "two references": ([frame("AccelRef", 1, 2, 3, 255), frame("AccelRef", 1, 2, 4, 255)], "AccelRef 0x130"),
-    "two states": ([frame("State_1", 1, 0, 0, 0, 0, 5), frame("State_1", 2, 0, 0, 0, 0, 5)], "State_1 0x401"),
+    "two states": ([frame("State_1", 1, 0, 0, 0, 0, 2), frame("State_1", 2, 0, 0, 0, 0, 2)], "State_1 0x401"),
     "Sync goes back": ([frame("Sync", 2), frame("Sync", 254)], "FE behind 02 of a later cycle"),
-    "a cycle of long ago": ([frame("Current_1", 7, 3, 9), frame("Current_1", 7, 3, 8)], "Current_1 0x121 in cycle 9"),
-    "a cycle to come": ([frame("Sync", 254), frame("Encoder_1", 7, 2)], "before Sync 2: another sender"),
+    "a cycle of long ago": ([frame("Current_1", 7, 3, 1), frame("Current_1", 7, 3, 0)], "Current_1 0x121 in cycle 9"),
+    "a cycle to come": ([frame("Encoder_1", 7, 4)], "before Sync 4: another sender"),
     "wrong length": ([(0x101, b"\1\2\3")], "whose length or CRC is not that of arm.dbc"),
     "wrong CRC": ([(0x121, bytes(6))], "Current_1 0x121 in cycle 9: 00 00 00 00 00 00 whose length or CRC"),
 }
@@ -155,7 +161,7 @@ STRANGE = {
 
 @pytest.mark.parametrize("name", STRANGE)
 def test_each_sign_of_another_sender(name: str) -> None:
-    *before, last = STRANGE[name][0]
+    *before, last = [FIRST, *STRANGE[name][0]]
     senders = TwoSenders(CODEC)
     for each in before:
         senders.hear(*each, 9)
@@ -167,11 +173,12 @@ def test_each_sign_of_another_sender(name: str) -> None:
 
 LEGAL = {
     "again": [frame("Encoder_1", 7, 3)] * 3,
-    "the next cycle": [frame("Encoder_1", 7, 255), frame("Encoder_1", 8, 0)],
+    "the next cycle": [frame("Encoder_1", 7, 0), frame("Encoder_1", 8, 1)],
     "a late Sync": [frame("Sync", 255), frame("Encoder_1", 7, 0), frame("Sync", 0)],
     "two Syncs lost": [frame("Sync", 253), frame("Encoder_1", 7, 0)],
     "cycles that the rig did not hear": [frame("Sync", 250), frame("Sync", 4), frame("Sync", 100)],
-    "a joint that heard Stop": [frame("Current_1", 7, 3, 9), frame("Current_1", 0, 0, 9)],
+    "a joint that heard Stop": [frame("Current_1", 7, 3, 1), frame("Current_1", 0, 0, 1), frame("Sync", 2)],
+    "a board in run, of another rig": [frame("Current_1", 0, 0, 200), frame("Sync", 56), frame("Current_1", 0, 0, 56)],
     "the set-up": [frame("Parameter_1", 0, 7, 1), frame("Parameter_1", 1, 8, 1)],
     "not ours": [(0x7DF, b"\1"), (0x7DF, b"\2")],
 }
