@@ -9,12 +9,8 @@ from tests.hil.test_bridge import commands, functional, payloads, play
 LIMIT_S = 400.0
 """Eight Python processes take over a minute to start where the machine is emulated."""
 SHORT = [
-    "--set",
-    "duration_s=0.1",
-    "--set",
-    "trajectory.time_s=0.05",
-    "--set",
-    "trajectory.by_rad=[0.002, -0.002, 0.002]",
+    *("--set", "duration_s=0.1", "--set", "clock.setup_cycles=60"),
+    *("--set", "trajectory.time_s=0.05", "--set", "trajectory.by_rad=[0.002, -0.002, 0.002]"),
 ]
 
 
