@@ -103,11 +103,12 @@ class MessageCodec:
 
 
 class Codec(dict[str, MessageCodec]):
-    """All messages of a database by name, `by_identifier` by identifier."""
+    """All messages of a database by name, `by_identifier` by identifier. version: of the database, 0 if it has none."""
 
-    def __init__(self, messages: list[MessageCodec]):
+    def __init__(self, messages: list[MessageCodec], version: int = 0):
         super().__init__((message.name, message) for message in messages)
         self.by_identifier = {message.identifier: message for message in messages}
+        self.version = version
 
     def __missing__(self, name: str) -> MessageCodec:
         """Refuse an unknown name."""

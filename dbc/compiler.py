@@ -16,6 +16,7 @@ from dbc.codec import CRC_SIGNAL, Codec, CodecError, MessageCodec
 
 _FORMATS = {(8, False): "B", (8, True): "b", (16, False): "H", (16, True): "h", (32, False): "I", (32, True): "i"}
 LONGEST_DATA = 8
+LARGEST_VERSION = 255
 JOINTS = 6
 """Of the largest arm."""
 
@@ -35,7 +36,7 @@ def compile_dbc(path: str | Path) -> Codec:
         raise CodecError(f"{path} is no readable database: {error}") from error
     assert isinstance(database, Database)
     _refuse_duplicates(database.messages)
-    return Codec([_compile_message(message) for message in database.messages])
+    return Codec([_compile_message(message) for message in database.messages], _version(database.version or ""))
 
 
 def arm_dbc(joints: int, rad_per_count: float) -> str:
@@ -63,6 +64,13 @@ def _is_of(message: Message, joints: int) -> bool:
     if message.name == "AccelRef_2":
         return joints > JOINTS // 2
     return not number.isdigit() or not joints < int(number) <= JOINTS
+
+
+def _version(text: str) -> int:
+    """Return what VERSION says, 0 for nothing; a frame carries it in a byte."""
+    if text and not (text.isascii() and text.isdigit() and int(text) <= LARGEST_VERSION):
+        raise CodecError(f'VERSION "{text}": write a number up to {LARGEST_VERSION}, or nothing')
+    return int(text or 0)
 
 
 def _refuse_duplicates(messages: list[Message]) -> None:

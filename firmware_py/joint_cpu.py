@@ -48,6 +48,11 @@ def make_step(words):
     return step
 
 
+def usable(table):
+    """Return whether the step can compute with a table: no shift to the left, a limit with an opposite in its word."""
+    return table[SHIFT] >= 0 and table[CURRENT_LIMIT] > -0x8000
+
+
 class JointCPU:
     """Joint `number` (1 to n): answers each Encoder frame with a Current frame.
 
@@ -79,6 +84,7 @@ class JointCPU:
         self.state = INIT
         self.fault = NO_FAULT
         self.table = [0] * TABLE_CRC
+        self.database_version = codec.version
         self.version = 0
         self.parameter_data = None
         self.reference_data = None
@@ -258,21 +264,27 @@ class JointCPU:
             self._write_parameter(index, value, version)
         if index < TABLE_CRC:
             value = self.table[index]  # what stands there, whatever was asked
-        answer = self.acknowledge.pack(index, value, version, self.table_crc())
+        answer = self.acknowledge.pack(index, value, self.database_version, self.table_crc())
         return [(self.compute_ns, self.acknowledge.identifier, answer)]
 
     def _write_parameter(self, index, value, version):
+        if version != self.database_version:  # who knows what its entries mean
+            self.state = INIT
+            self.fault = PARAMETERS
+            return
         self.version = version
         if index < TABLE_CRC:
             self.table[index] = value
             self.state = INIT
-        elif value & 0xFFFF == self.table_crc():
+        elif value & 0xFFFF != self.table_crc():
+            self.fault = PARAMETERS
+        elif not usable(self.table):
+            self._enter_fault(PARAMETERS)
+        else:
             self.state = READY
             self.fault = NO_FAULT
             self.reference_data = None
             self.strikes_in_a_row = 0
-        else:
-            self.fault = PARAMETERS
 
     def table_crc(self):
         """CRC-16 over the values in index order, little-endian."""

@@ -72,7 +72,7 @@ def _by_sync(
                 port.send(*frame)
     finally:
         port.close()
-    return node.report() | {"full_queue": port.retries, "strange_frames": port.strangers}
+    return node.report() | _counted(port)
 
 
 def _by_wall(
@@ -87,8 +87,11 @@ def _by_wall(
         loop.run(check)
     finally:
         port.close()
-    report = node.report() | loop.report() | {"full_queue": port.retries, "strange_frames": port.strangers}
-    return report | {"refused": refused}
+    return node.report() | loop.report() | _counted(port) | {"refused": refused}
+
+
+def _counted(port: CanPort) -> dict[str, Any]:
+    return {"full_queue": port.retries, "strange_frames": port.strangers, "bus_errors": dict(port.errors.counts)}
 
 
 def _say_ready(ready: Path | None, refused: list[str]) -> None:

@@ -276,6 +276,7 @@ def node(
     """Play one participant, in its own terminal, until the run ends."""
     from hil import scenario_file, show
     from hil.assemble import check_node_name
+    from hil.before_run import check_place
     from hil.can_node import play
     from hil.node_process import run_node
     from hil.sync_rig import for_bus
@@ -287,6 +288,8 @@ def node(
     check_node_name(chosen, name)
     print(f"{name} of {chosen.name} on channel {channel}", flush=True)
     place = _place(interface, channel, bus_kwargs, chosen.clock.kind)
+    if place is not None:
+        check_place(place, chosen)
     report = run_node(chosen, name, channel) if place is None else play(for_bus(chosen), name, place)
     print(f"{name}: the run is over; {show.counters(report)}")
     if report["fault"]:

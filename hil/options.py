@@ -19,4 +19,9 @@ def bus_options(bus_kwargs: str) -> dict[str, Any]:
         raise typer.BadParameter(
             f"--bus-kwargs {bus_kwargs}: write a JSON object, for example '{{\"bitrate\": 500000}}'"
         )
+    for taken in ("interface", "channel", "can_filters"):
+        if taken in options:
+            raise typer.BadParameter(
+                f"--bus-kwargs {bus_kwargs}: {taken} is not for here: use --interface and --channel; filters are ours"
+            )
     return options

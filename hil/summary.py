@@ -34,6 +34,7 @@ MISSED_BY = (
     "strikes",
     "missed_encoders",
     "late_currents",
+    "overdue_currents",
     "missed_currents",
     "repeated_parameters",
     "repeated_encoders",
@@ -146,7 +147,7 @@ def faults(outcome: Outcome) -> list[dict[str, Any]]:
         return [_fault(end_ns * 1e-9, node or "bus", "no Stop", cause)]
     if data[0] != 0:
         reason = STOP_REASONS.get(data[0], f"reason {data[0]}")
-        node = sender if outcome.wire else _speaker(outcome, data[0])
+        node = _speaker(outcome, data[0]) if outcome.mode in ("sync", "wall") else sender
         return [_fault(end_ns * 1e-9, node, reason, _cause(outcome, node))]
     if sender != "dsp" or end_ns < outcome.scenario.duration_ns:
         return [_fault(end_ns * 1e-9, sender, "Stop before the end", "a Stop that the DSP did not send at the end")]

@@ -16,6 +16,8 @@ from types import MappingProxyType
 from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil.assemble import build_nodes, check_node_name
+from hil.before_run import check_place, check_silence
+from hil.bus_errors import as_wire
 from hil.can_node import Place
 from hil.can_port import CanPort
 from hil.constants import reference_of
@@ -24,6 +26,7 @@ from hil.processes import Processes
 from hil.rig import Outcome, Progress, no_progress
 from hil.scenario import Scenario
 from hil.sync_drive import Frame
+from hil.two_senders import TwoSenders
 from hil.wall_loop import QUIET_S
 from hil.wall_witness import WallWitness
 from hil.watchdog import Notice, watchdog
@@ -60,6 +63,8 @@ def run_on_bus(
     if by_wall:
         port.stamp()
     try:
+        check_place(place, scenario)
+        check_silence(port, place, codec, external)
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
             nodes = _processes(scenario, place, elsewhere, Path(folder))
             witness = WallWitness(scenario, codec) if by_wall else Witness(scenario, codec)
@@ -70,8 +75,8 @@ def run_on_bus(
                     _stop_what_was_left(port, codec, notice)
                 on_wait = watchdog(notice, patience_s)
                 _start(nodes, own, on_wait, notice)
-                _watch(witness, port, nodes, progress, on_wait)
-                return _outcome(scenario, witness, nodes, began)
+                _watch(witness, TwoSenders(codec), port, nodes, progress, on_wait)
+                return _outcome(scenario, witness, nodes, port, began)
             finally:
                 if not witness.stopped:
                     _stop(port, codec, notice)
@@ -135,12 +140,16 @@ def _start(nodes: Processes, own: Collection[str], on_wait: OnWait, notice: Noti
     nodes.start([name for name in own if name == "dsp"])
 
 
-def _watch(witness: Witness, port: CanPort, nodes: Processes, progress: Progress, on_wait: OnWait) -> None:
+def _watch(
+    witness: Witness, senders: TwoSenders, port: CanPort, nodes: Processes, progress: Progress, on_wait: OnWait
+) -> None:
     """Listen until Stop; look after our nodes, and after whoever keeps the others waiting."""
     moved = time.monotonic()
     while not witness.stopped:
         heard = _receive(witness, port)
         now = time.monotonic()
+        if heard is not None and not witness.in_real_time:
+            senders.hear(*heard, witness.cycle)
         if heard is not None and witness.hear(*heard, port.came_ns):
             moved = now
             if witness.begins_cycle(heard[0]):
@@ -164,7 +173,7 @@ def _receive(witness: Witness, port: CanPort) -> Frame | None:
         return None
 
 
-def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, began: float) -> Outcome:
+def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, port: CanPort, began: float) -> Outcome:
     ended = time.perf_counter()
     started = ended if witness.began is None else witness.began
     wall_s, setup_wall_s = ended - started, started - began
@@ -173,6 +182,7 @@ def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, began: floa
         reports = nodes.reports()
     except NodeError as error:
         raise NodeError(f"{error}; {witness.end()}") from None
+    told = {name: report["bus_errors"] for name, report in reports.items()} | {"rig": port.errors.counts}
     kind = scenario.clock.kind
     return Outcome(
         scenario,
@@ -182,7 +192,7 @@ def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, began: floa
         bits_on_wire=0,
         wall_s=wall_s,
         setup_wall_s=setup_wall_s,
-        wire={},
+        wire={name: as_wire(counts) for name, counts in told.items()},
         lost_frames=witness.lost,
         deterministic=kind == "sync",
         clock=clock,

@@ -109,7 +109,7 @@ void queue_acknowledge(const struct joint *joint, struct joint_out *out, const s
 
     if (parameter->index < JOINT_PARAMETERS)
         answer.value = joint->law.table[parameter->index];
-    answer.version = parameter->version;
+    answer.version = VERSION;
     answer.table_crc = table_crc(joint->law.table);
     arm_acknowledge_1_pack(data, &answer, sizeof data);
     queue(joint, out, joint->compute_ns, ARM_ACKNOWLEDGE_1_FRAME_ID, data, ARM_ACKNOWLEDGE_1_LENGTH);

@@ -5,6 +5,9 @@
 #include "arm.h" /* made from dbc/arm.dbc by cantools */
 #include "joint.h"
 
+/* Of the database that arm.h was made from. */
+enum { VERSION = ARM_PARAMETER_1_VERSION_THIS_DATABASE_CHOICE };
+
 static inline uint32_t id_of(const struct joint *joint, uint32_t of_joint_1)
 {
     return of_joint_1 + joint->number - 1;

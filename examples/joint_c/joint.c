@@ -30,7 +30,12 @@ static bool usable(const int16_t *table)
 
 static void write_parameter(struct joint *joint, const struct arm_parameter_1_t *parameter)
 {
-    joint->version = parameter->version;
+    if (parameter->version != VERSION) { /* who knows what its entries mean */
+        joint->state = INIT;
+        joint->fault = ARM_STATE_1_FAULT_PARAMETERS_CHOICE;
+        return;
+    }
+    joint->version = VERSION;
     if (parameter->index < TABLE_CRC) {
         joint->law.table[parameter->index] = parameter->value;
         joint->state = INIT;

@@ -55,7 +55,7 @@ class DSP:
         self.settings = settings
         self.control = control
         self.status = status
-        self.setup = Setup(codec, settings.tables, version=1)
+        self.setup = Setup(codec, settings.tables, version=codec.version)
         self.sync, self.stop = codec["Sync"], codec["Stop"]
         self.encoders = [codec[f"Encoder_{n}"] for n in range(1, settings.joints + 1)]
         frames = -(-settings.joints // JOINTS_A_FRAME)
@@ -99,6 +99,8 @@ class DSP:
             return self._end(STOP_END, NO_FAULT, "")
         if not self.handled and self._encoders_lost():
             return self._end(STOP_ENCODER_LOST, FAULT_ENCODER_LOST, "no Encoder frame for three cycles")
+        if self.setup.refusal:
+            return self._end(STOP_NOT_READY, FAULT_NOT_READY, self.setup.refusal)
         if cycle == -1 and not self.setup.complete:
             name = f"joint{self.setup.joint + 1}"
             return self._end(STOP_NOT_READY, FAULT_NOT_READY, f"{name} was not ready by cycle -2")

@@ -18,7 +18,10 @@ def to_int16(value: int) -> int:
 
 
 class Setup:
-    """tables: for each joint, its parameter values in index order (int16), without the CRC."""
+    """tables: for each joint, its parameter values in index order (int16), without the CRC.
+
+    version: of the database. refusal: why a joint cannot be set up at all, if it cannot.
+    """
 
     def __init__(self, codec: Codec, tables: Sequence[Sequence[int]], version: int) -> None:
         self.parameter = [codec[f"Parameter_{n}"] for n in range(1, len(tables) + 1)]
@@ -31,6 +34,7 @@ class Setup:
         self.sent = False
         self.repeats = 0
         self.crc_errors = 0
+        self.refusal = ""
         self.answers = {frame.identifier: n for n, frame in enumerate(self.acknowledge)}
 
     @staticmethod
@@ -51,8 +55,14 @@ class Setup:
         if fields is None or self.complete or joint != self.joint:
             return
         index, value, version, table_crc = fields
+        if version != self.version:
+            self.refusal = (
+                f"joint{joint + 1} was made from version {version} of arm.dbc, the DSP from version {self.version}: "
+                "rebuild the board's code from dbc/arm.dbc"
+            )
+            return
         table = self.tables[joint]
-        if (index, value, version) != (self.index, table[self.index], self.version):
+        if (index, value) != (self.index, table[self.index]):
             return
         self.age = 0
         self.sent = False

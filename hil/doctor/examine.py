@@ -70,7 +70,7 @@ def _hil(place: Place, scenario: Scenario, listen_s: float) -> list[Finding]:
     except ChannelError as error:
         return [Finding("bus", f"no {place.channel}", "a running bus", "bad", f"{error}: `hil bus {place.channel}`")]
     connection.close()
-    place = place._replace(options=place.options | {"listen_only": True})
+    place = place._replace(options=place.options | {"listen_only": True, "error_frames": "all"})
     return [
         Finding("bus", f"{place.channel}, {welcome['fidelity']}", "a running bus", "ok"),
         check_rate(welcome["bit_ns"], place.channel, scenario),
@@ -92,12 +92,17 @@ def check_rate(bit_ns: int, channel: str, scenario: Scenario) -> Finding:
     return Finding("bit rate", value, limit, "bad", f"hil bus {channel} --bitrate {scenario.bus.bitrate}")
 
 
+def inside_one_process(name: str) -> Finding:
+    """Return what python-can's interface `virtual` comes to."""
+    cure = "take -i udp_multicast, or -i hil: the nodes of a run are processes"
+    return Finding("interface", f"{name} is inside one process", "one between processes", "bad", cure)
+
+
 def _other(place: Place, scenario: Scenario, listen_s: float) -> list[Finding]:
     """Return what there is to say of python-can's other interfaces: what can be seen through its socket."""
     name = f"{place.interface} {place.channel}"
     if place.interface == "virtual":
-        cure = "take -i udp_multicast, or -i hil: the nodes of a run are processes"
-        return [Finding("interface", f"{name} is inside one process", "one between processes", "bad", cure)]
+        return [inside_one_process(name)]
     heard = _heard(place, True, listen_s)
     if isinstance(heard, ChannelError):
         return [Finding("interface", f"no {name}", "one that opens", "bad", str(heard))]

@@ -7,6 +7,7 @@ calc_bittiming.c); CiA 301 V4.2.0 allows 75 to 90 % from 800 kbit/s on, 85 to 90
 
 from collections.abc import Callable
 
+from hil.bus_errors import WIRES
 from hil.constants import cycle_frames
 from hil.doctor.finding import Finding, Verdict
 from hil.doctor.link import OVERRUNS, RECEIVE_DROPPED, SEND_DROPPED, Link
@@ -40,7 +41,6 @@ LOST = {
 }
 FAST = 800_000
 """Bit rate from which on CiA 301 allows earlier sample points."""
-WIRES = "look for a node at another bit rate, a missing terminator (CAN-H to CAN-L: 60 ohm), a bad wire"
 CLAIMS = "what a run here shows"
 
 

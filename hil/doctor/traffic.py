@@ -10,35 +10,14 @@ from dataclasses import dataclass, field
 import can
 
 from dbc.codec import Codec
+from hil.bus_errors import CURES, HARMLESS, WIRES, explain
 from hil.can_port import CanPort
 from hil.doctor.finding import Finding, Verdict
-from hil.doctor.link_checks import WIRES
-from hil.wire import events
 
-CONTROLLER_TROUBLE = {
-    events.RX_OVERFLOW: "receive FIFO overrun",
-    0x02: "transmit buffer overrun",
-    events.RX_WARNING | events.TX_WARNING: "error counter at the warning limit",
-    events.RX_PASSIVE | events.TX_PASSIVE: "error-passive",
-}
-"""By the bits of byte 1."""
-CLASSES = {
-    events.PROTOCOL: "protocol violation",
-    events.NO_ACK: "no acknowledgement",
-    events.OFF: "bus-off",
-    events.RESTARTED: "restarted",
-    events.LOST_ARBITRATION: "arbitration lost",
-    0x001: "transmission timed out",
-    0x010: "transceiver trouble",
-}
-CURES = {
-    "receive FIFO overrun": "frames were lost: the controller's FIFO is too small for the machine's interrupt latency",
-    "transmit buffer overrun": "frames were lost: the driver was given more than it can hold",
-    "no acknowledgement": "nobody else is awake on this bus: switch a node on, at the same bit rate; check the wires",
-    "restarted": "it came back from bus-off: " + WIRES,
-    "transmission timed out": "the driver could not get rid of a frame: " + WIRES,
-}
-HARMLESS = ("arbitration lost",)
+GOING_ON = "a run is going on: let it end, or stop it (cansend CHANNEL 010#01); if none is, another device sends 0x080"
+STRANGER = (
+    "another sender of our identifiers: see who by unplugging one device after the other, or take another channel"
+)
 
 
 @dataclass
@@ -81,14 +60,6 @@ def listen(port: CanPort, codec: Codec, seconds: float) -> Traffic:
     return heard
 
 
-def explain(identifier: int, data: bytes) -> list[str]:
-    """Return what an error frame says, in words."""
-    said = [text for bit, text in CLASSES.items() if identifier & bit]
-    if identifier & events.CONTROLLER and len(data) > 1:
-        said += [text for bits, text in CONTROLLER_TROUBLE.items() if data[1] & bits]
-    return said
-
-
 def check_traffic(heard: Traffic) -> list[Finding]:
     """Return what there is to say of what was heard."""
     return [others(heard), error_frames(heard)]
@@ -105,14 +76,8 @@ def others(heard: Traffic) -> Finding:
         return Finding("other traffic", f"{value}, none on our identifiers", limit, "ok")
     value = f"{value}; ours: {', '.join(f'{name} {count}' for name, count in heard.ours.most_common(4))}"
     if "Sync" in heard.ours:
-        cure = (
-            "a run is going on: let it end, or stop it (cansend CHANNEL 010#01); if none is, another device sends 0x080"
-        )
-        return Finding("other traffic", value, limit, "warn", cure)
-    cure = (
-        "another sender of our identifiers: see who by unplugging one device after the other, or take another channel"
-    )
-    return Finding("other traffic", value, limit, "bad", cure)
+        return Finding("other traffic", value, limit, "warn", GOING_ON)
+    return Finding("other traffic", value, limit, "bad", STRANGER)
 
 
 def error_frames(heard: Traffic) -> Finding:

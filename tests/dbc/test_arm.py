@@ -139,3 +139,11 @@ def test_scale_is_what_a_count_means(message, signal, factor):
 def test_unknown_signal_is_refused_with_those_there_are():
     with pytest.raises(CodecError, match=r"Current_1 has no signal 'Crc': it has Reference, Estimate, Cycle"):
         CODEC.scale("Current_1", "Crc")
+
+
+def test_version_is_said_to_generators_of_code_too():
+    """cantools generate_c_source does not write VERSION, but names of values."""
+    assert CODEC.version == int(DATABASE.version) > 0
+    for n in JOINTS:
+        choices = DATABASE.get_message_by_name(f"Parameter_{n}").get_signal_by_name("Version").choices
+        assert choices == {CODEC.version: "this_database"}

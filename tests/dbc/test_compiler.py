@@ -8,9 +8,9 @@ from dbc.compiler import compile_dbc
 HEAD = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: A B\n\n'
 
 
-def compile_text(tmp_path, body):
+def compile_text(tmp_path, body, head=HEAD):
     path = tmp_path / "small.dbc"
-    path.write_text(HEAD + body)
+    path.write_text(head + body)
     return compile_dbc(path)
 
 
@@ -68,11 +68,18 @@ REFUSED = {
         "messages M and N share identifier 0x123: renumber",
     ),
     "same name": (one_message(length=0) + "BO_ 292 M: 0 A\n", "message M is defined twice: rename one"),
+    "no version": (one_message(length=0), 'VERSION "A.2": write a number up to 255'),
     "no DBC": ("BO_ nonsense", "small.dbc is no readable database: DBC: .Invalid syntax at line 9"),
 }
 
 
 @pytest.mark.parametrize(("body", "reason"), REFUSED.values(), ids=REFUSED.keys())
 def test_refused_with_message_signal_and_cure(tmp_path, body, reason):
+    head = HEAD.replace('""', '"A.2"') if "VERSION" in reason else HEAD
     with pytest.raises(CodecError, match=reason):
-        compile_text(tmp_path, body)
+        compile_text(tmp_path, body, head)
+
+
+@pytest.mark.parametrize(("text", "version"), [("", 0), ("0", 0), ("7", 7), ("255", 255)])
+def test_version_of_the_database(tmp_path, text, version):
+    assert compile_text(tmp_path, one_message(length=0), HEAD.replace('""', f'"{text}"')).version == version

@@ -35,12 +35,13 @@ class Life:
         self.table, self.index = self._table(), 0
 
     def _table(self):
-        """One of a run, or any that the arithmetic takes."""
+        """One of a run, or any, now and then one that the arithmetic cannot take."""
         chance = self.chance
         if chance.random() < 0.7:
             return chance.choice(OF_A_RUN)
         words = [chance.choice((chance.randint(-0x8000, 0x7FFF), 0, -0x8000, 0x7FFF)) for _ in range(3)]
-        return (*words, chance.choice((0, 1, 15, 16, 31, 32, 33, 0x7FFF)), chance.randint(-0x7FFF, 0x7FFF))
+        limit = -0x8000 if self.seldom(0.1) else chance.randint(-0x7FFF, 0x7FFF)
+        return (*words, -1 if self.seldom(0.1) else chance.choice((0, 1, 15, 16, 31, 32, 33, 0x7FFF)), limit)
 
     def seldom(self, probability):
         """Something goes wrong, less often in a clean life."""
@@ -102,10 +103,10 @@ class Life:
         if self.index == 0:
             self.table = self._table()
         if self.seldom(0.05):
-            value = chance.randint(0, 32)  # neither a negative shift nor a limit that no word holds
+            value = chance.randint(-32, 32)
         if self.seldom(0.02):
             index = chance.choice((TABLE_CRC, TABLE_CRC + 1, 255))
-        data = self.parameter.pack(index, value, chance.choice((1, 1, 7)))
+        data = self.parameter.pack(index, value, 7 if self.seldom(0.05) else self.codec.version)
         self.joint.store(self.parameter.identifier, self._damaged(data), self._now())
 
     def reference_frame(self):

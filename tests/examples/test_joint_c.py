@@ -2,9 +2,11 @@
 
 import shutil
 import subprocess
+import sys
 from collections import Counter
 from functools import cache
 from random import Random
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from hil.drive import Direct
 from hil.rig import Recorder, make_kernel, run_inline
 from hil.scenario_file import load
 from tests.examples.chance import OF_A_RUN, Life
-from tests.examples.conftest import SOURCES, compile_replay
+from tests.examples.conftest import ROOT, SOURCES, compile_replay, run
 from tests.examples.transcript import Recorded, play, same
 from tests.firmware_py.test_step import make_rows
 
@@ -189,6 +191,9 @@ MUTATIONS = {
     "saturations of i alone": ("frames.c", "(uint16_t)saturations", "(uint16_t)joint->law.saturations[4]"),
     "Heartbeat counts nothing": ("frames.c", "joint->cycles++;", ""),
     "acknowledges what was asked": ("frames.c", "parameter->index < JOINT_PARAMETERS", "false"),
+    "any database": ("joint.c", "parameter->version != VERSION", "false"),
+    "the version asked for": ("frames.c", "answer.version = VERSION", "answer.version = parameter->version"),
+    "any table": ("joint.c", "!usable(joint->law.table)", "false"),
     "parameters in run": ("joint.c", "joint->state == INIT || joint->state == READY", "joint->state != FAULT"),
     "ready with an old reference": ("joint.c", "joint->reference.full = false;", ""),
     "any reference": ("joint.c", "reference.cycle != (uint8_t)(cycle - 1)", "false"),
@@ -220,22 +225,59 @@ def test_a_wrong_joint_is_found(built, lives, tmp_path, name):
 # -- what it refuses --
 
 
-@pytest.mark.parametrize("values", [(3, -1), (4, -0x8000)], ids=["a shift to the left", "a limit beyond a word"])
-def test_a_table_that_python_cannot_compute_with_is_refused(built, codec, values):
-    """The joint in Python would raise at cycle 0: no run to compare with."""
-    life = Life(Random(1), codec)
+def set_up(life):
+    """Give a joint its whole table."""
     life.seldom = lambda _probability: False
-    index, value = values
-    life.table = tuple(value if at == index else each for at, each in enumerate(OF_A_RUN[0]))
     for _ in range(TABLE_CRC + 1):
         life.cycle += 1
         life.parameter_frame()
         life.encoder_frame()
-    assert STATES[life.cpu.state] == "ready"
-    reactions, report = play(built.replay, life.joint.calls)
-    assert report["fault"] == "parameters"
-    assert reactions[:-1] == life.joint.reactions[:-1]
-    assert codec["Stop"].identifier in [identifier for _, identifier, _ in reactions[-1][2]]
+
+
+@pytest.mark.parametrize("values", [(3, -1), (4, -0x8000)], ids=["a shift to the left", "a limit beyond a word"])
+def test_a_table_that_nobody_can_compute_with_is_a_fault(built, codec, values):
+    life = Life(Random(1), codec)
+    index, value = values
+    life.table = tuple(value if at == index else each for at, each in enumerate(OF_A_RUN[0]))
+    set_up(life)
+    assert (STATES[life.cpu.state], FAULTS[life.cpu.fault]) == ("fault", "parameters")
+    assert codec["Stop"].identifier in [identifier for _, identifier, _ in life.joint.reactions[-1][2]]
+    same(life.joint, built.replay)
+
+
+@pytest.mark.parametrize("version", [0, 2, 255])
+def test_parameters_of_another_database_are_refused_by_both(built, codec, version):
+    life = Life(Random(1), codec)
+    pack = codec["Parameter_" + str(life.number)].pack
+    life.parameter = SimpleNamespace(
+        identifier=life.parameter.identifier, pack=lambda index, value, _own: pack(index, value, version)
+    )
+    set_up(life)
+    answers = [data for identifier, data in life.joint.sent if codec.by_identifier[identifier].name.startswith("Ack")]
+    assert len(answers) == TABLE_CRC + 1
+    assert {data[3] for data in answers} == {codec.version}
+    assert (STATES[life.cpu.state], FAULTS[life.cpu.fault], life.cpu.table) == ("init", "parameters", [0] * 5)
+    same(life.joint, built.replay)
+
+
+def test_board_made_from_another_database_ends_the_set_up(hil, tmp_path):
+    """Built by its Makefile from a database that has gone on; joint 2 in the rig's process."""
+    if shutil.which("cc") is None or shutil.which("make") is None:
+        pytest.skip("NO C COMPILER: `cc` and `make` are not installed, so the joint in C is NOT TESTED")
+    text = (ROOT / "dbc" / "arm.dbc").read_text()
+    newer = tmp_path / "arm.dbc"
+    newer.write_text(text.replace('VERSION "1"', 'VERSION "2"').replace('Version 1 "this', 'Version 2 "this'))
+    cantools = f"CANTOOLS={sys.executable} -m cantools"
+    run("make", "-C", SOURCES, f"BUILD={tmp_path / 'newer'}", cantools, f"DBC={newer}")
+    ended = hil.run(
+        *("run", "--inline", "--json", "--set", IN_C),
+        env={"HIL_JOINT_LIBRARY": str(tmp_path / "newer" / "libjoint.so"), "PYTHONPATH": str(ROOT)},
+    )
+    assert ended.returncode == 6
+    assert (
+        "dsp: set-up failed (joint2 was made from version 2 of arm.dbc, the DSP from version 1: rebuild the board's "
+        "code from dbc/arm.dbc)" in ended.stderr
+    )
 
 
 def test_a_library_that_is_not_there_says_how_to_make_it(monkeypatch, tmp_path):

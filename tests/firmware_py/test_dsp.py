@@ -218,6 +218,15 @@ def test_joint_that_is_not_ready_ends_the_run_by_its_name(rig, dead):
     assert not any(name == "AccelRef" for frames in by_cycle for name, _, _ in frames)
 
 
+def test_joint_of_another_database_ends_the_set_up_at_once(rig):
+    for _ in range(3):
+        rig.next()
+    rig.dsp.store(*rig.frame("Acknowledge_1", 0, 0, 9, 0), 0)
+    identifiers = [identifier for _, identifier, _ in rig.dsp.on_timer(rig.cycle * T_NS)[2]]
+    assert identifiers == [rig.codec["Stop"].identifier]
+    assert "joint1 was made from version 9 of arm.dbc, the DSP from version 1" in rig.dsp.report()["fault"]
+
+
 def test_acknowledgement_with_wrong_crc_is_counted(rig):
     identifier, data = rig.frame("Acknowledge_1", 0, 0, 0, 0, corrupt=True)
     rig.dsp.store(identifier, data, 0)

@@ -91,9 +91,9 @@ def test_acknowledges_each_parameter_with_the_crc_of_its_table(bench):
     table = [0] * 5
     for cycle, (index, value) in enumerate([(2, -32768), (0, 22938), (4, 16384), (3, 13), (1, -1), (0, 5)]):
         table[index] = value
-        bench.send_parameter(index, value, version=9)
+        bench.send_parameter(index, value)
         answers = bench.encoder(cycle - 50, 0)
-        assert answers[0] == ("Acknowledge", bench.cpu.compute_ns, (index, value, 9, ccitt_false(table)))
+        assert answers[0] == ("Acknowledge", bench.cpu.compute_ns, (index, value, 1, ccitt_false(table)))
         assert names(answers) == ["Acknowledge", "Current"]
         assert bench.cpu.state == INIT
 
@@ -120,11 +120,41 @@ def test_ready_only_by_the_crc_of_the_table(make_bench, table, wrong):
     bench.send_parameter(TABLE_CRC, wrong)
     bench.encoder(-20, 0)
     right = as_int16(ccitt_false(table))
-    assert (bench.cpu.state == READY) == (wrong == right)
-    assert (bench.cpu.fault == joint_cpu.PARAMETERS) == (wrong != right)
+    if wrong != right:
+        assert (bench.cpu.state, bench.cpu.fault) == (INIT, joint_cpu.PARAMETERS)
     bench.send_parameter(TABLE_CRC, right)
     bench.encoder(-19, 0)
+    usable = table[3] >= 0 and table[4] != -32768
+    expected = (READY, joint_cpu.NO_FAULT) if usable else (FAULT, joint_cpu.PARAMETERS)
+    assert (bench.cpu.state, bench.cpu.fault) == expected
+
+
+@pytest.mark.parametrize("entry", range(TABLE_CRC + 1))
+def test_entry_of_another_database_is_not_stored_and_takes_readiness_away(bench, tables, entry):
+    """Acknowledge says what stands there, and of which version the joint is."""
+    bench.set_up()
+    value = [*tables[0], ccitt_false(tables[0])][entry]
+    bench.send_parameter(entry, 7, version=2)
+    _, _, answer = bench.encoder(-19, 0)[0]
+    assert answer == (entry, 7 if entry == TABLE_CRC else value, 1, ccitt_false(tables[0]))
+    assert (bench.cpu.state, bench.cpu.fault) == (INIT, joint_cpu.PARAMETERS)
+    assert (tuple(bench.cpu.table), bench.cpu.version) == (tables[0], 1)
+    bench.send_parameter(TABLE_CRC, as_int16(ccitt_false(tables[0])))
+    bench.encoder(-18, 0)
     assert (bench.cpu.state, bench.cpu.fault) == (READY, joint_cpu.NO_FAULT)
+
+
+def test_board_that_still_runs_stops_the_next_set_up_by_itself(bench, tables):
+    """Its rig was killed without a Stop. It acknowledges equal entries, and without references is in fault at once."""
+    bench.start()
+    drive(bench, 3)
+    for index, cycle in enumerate((-60, -59, -58)):
+        bench.send_parameter(index, tables[0][index])
+        answers = bench.encoder(cycle, 0)
+        if "Stop" in names(answers):
+            break
+    assert "Stop" in names(answers)
+    assert bench.cpu.state == FAULT
 
 
 def test_not_ready_never_runs(bench):

@@ -157,6 +157,18 @@ def test_answer_that_is_not_the_awaited_one_changes_nothing(setup, joints, codec
     assert (setup.joint, setup.index) == (0, 1)
 
 
+@pytest.mark.parametrize("version", [0, 2, 255])
+def test_joint_of_another_database_is_refused_by_its_name_with_both_versions(setup, joints, codec, version):
+    run_to_last_entry(setup, joints, 0)
+    assert setup.refusal == ""
+    answer = codec["Acknowledge_1"]
+    setup.store(answer.identifier, answer.pack(5, 0, version, 0))
+    assert setup.refusal.startswith(
+        f"joint1 was made from version {version} of arm.dbc, the DSP from version 3: rebuild"
+    )
+    assert not setup.complete
+
+
 def test_answers_after_completion_are_ignored(setup, joints):
     while not setup.complete:
         last = joints.answer(setup.next_frame())

@@ -125,6 +125,7 @@ def test_a_slow_joint_is_late_and_its_current_acts_late() -> None:
     found = data_of(machine.witness.log.frames)
     assert found[0x122][:51] == expected[0x122][:51]
     assert found[0x102] != expected[0x102]
+    assert plant(machine)["overdue_currents"] == 1
 
 
 def test_a_stamp_older_than_the_present_acts_now_and_counts() -> None:

@@ -33,6 +33,15 @@ ROWS = {
         "interface down and up, link cut, node killed and restarted, sync",
         "time stops; the watchdog names the node and ends with Stop; the rig says what happened; nothing hangs",
     ),
+    "wall": (
+        "clock `wall`, time dilated by a factor that the lab holds",
+        "payloads compared with `functional`; overruns, latency quantiles (p50, p99, p99.9, max) and histogram; "
+        "`canbusload -e` against bits per wall second",
+    ),
+    "wall-trouble": (
+        "interface down and up, link cut, node killed and restarted, clock `wall`",
+        "the brake is commanded within 3 periods; the rig says what happened; nothing hangs",
+    ),
 }
 """What is to be shown, and the figure, by the name of the row."""
 
