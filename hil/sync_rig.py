@@ -22,7 +22,7 @@ from hil.can_node import Place
 from hil.can_port import CanPort
 from hil.constants import reference_of
 from hil.errors import NodeError, OutputError
-from hil.processes import Processes
+from hil.processes import START_S, Processes
 from hil.rig import Outcome, Progress, no_progress
 from hil.scenario import Scenario
 from hil.sync_drive import Frame
@@ -73,7 +73,7 @@ def run_on_bus(
                     notice(expectation(codec, name))
                 if external:
                     _stop_what_was_left(port, codec, notice)
-                on_wait = watchdog(notice, patience_s)
+                on_wait = _patient(witness, notice, patience_s)
                 _start(nodes, own, on_wait, notice)
                 _watch(witness, TwoSenders(codec), port, nodes, progress, on_wait)
                 return _outcome(scenario, witness, nodes, port, began)
@@ -85,6 +85,17 @@ def run_on_bus(
         raise OutputError(f"temporary files of the run: {error.strerror}; make room, or set TMPDIR") from None
     finally:
         port.close()
+
+
+def _patient(witness: Witness, notice: Notice, patience_s: float) -> OnWait:
+    """Return a watchdog that gives our processes START_S until the first Sync, however short patience is."""
+    starting, running = watchdog(notice, max(patience_s, START_S)), watchdog(notice, patience_s)
+    before_all = witness.cycle
+
+    def on_wait(name: str, waited_s: float) -> None:
+        (starting if witness.cycle == before_all else running)(name, waited_s)
+
+    return on_wait
 
 
 def _stop(port: CanPort, codec: Codec, notice: Notice) -> None:
