@@ -80,14 +80,17 @@ def test_external_joint_is_announced_waited_for_and_changes_nothing(hil: Any) ->
     words = [word for setting in SHORT for word in ("--set", setting)]
     rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--out", "out", *words,
                     "--external", "joint2")  # fmt: skip
-    time.sleep(3.0)  # somebody takes a while to plug the board in; nothing is judged by it
+    said = ""
+    while "waiting for joint2" not in said:  # somebody takes a while to plug the board in
+        line = rig.stderr.readline()
+        assert line, said
+        said += line
     board = hil.run("node", "joint", "2", "-c", "street", "--set", "clock.kind=sync", *words)
     out, err = rig.communicate(timeout=LIMIT_S)
     assert rig.returncode == 0, err
     assert board.returncode == 0, board.stderr
-    text = " ".join(err.split())
+    text = " ".join(said.split())
     assert "joint2 is external: it hears Stop 0x10, Encoder_2 0x102, AccelRef 0x130, Parameter_2 0x302" in text
-    assert "waiting for joint2" in text
     assert json.loads(out)["max_deviation_rad"] == summary_of(functional(*SHORT))["max_deviation_rad"]
 
 
