@@ -65,8 +65,9 @@ def _by_sync(
             port.send(*frame)
         while not drive.finished:
             heard = port.receive(QUIET_S)
-            if heard is None:
-                check()
+            check()
+            if heard is not None and heard[0] == drive.stop.identifier and not drive.begun:
+                continue
             for frame in drive.idle() if heard is None else drive.hear(*heard):
                 port.send(*frame)
     finally:

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from firmware_py.joint_cpu import STOP_JOINT_FAULT
 from hil.evaluate import Array, Evaluation
 from hil.rig import Outcome
 from hil.wall_summary import real_time
+from plant.node import STOP_CURRENT_LOST
 
 STOP_REASONS = {
     0: "end",
@@ -23,12 +25,16 @@ STOP_REASONS = {
     8: "current lost",
 }
 STOP_IDENTIFIER = 0x010
+STOP_OPERATOR = 1
+NO_FAULT = ("", "stopped")
+"""What a node says that is well, or only heard a Stop."""
 LOST_BY = ("crc_errors", "unsent")
 MISSED_BY = (
     "skipped_status",
     "strikes",
     "missed_encoders",
     "late_currents",
+    "overdue_currents",
     "missed_currents",
     "repeated_parameters",
     "repeated_encoders",
@@ -133,17 +139,36 @@ def _moved(recorded: dict[str, Array], name: str) -> dict[str, list[float]]:
 def faults(outcome: Outcome) -> list[dict[str, Any]]:
     """Return why the run did not come to its end: one entry, the Stop frame that ended it; none if it did."""
     if not outcome.log.frames:
-        return [_fault(0.0, "dsp", "set-up failed", outcome.reports.get("dsp", {}).get("fault", ""))]
+        return [_fault(0.0, "dsp", "set-up failed", _cause(outcome, "dsp"))]
     end_ns, identifier, data, sender = outcome.log.frames[-1]
     if identifier != STOP_IDENTIFIER or len(data) != 1:
-        return [_fault(end_ns * 1e-9, "bus", "no Stop", "the frames end without one")]
+        node = _troubled(outcome)
+        cause = "the frames end without one" if node is None else _cause(outcome, node)
+        return [_fault(end_ns * 1e-9, node or "bus", "no Stop", cause)]
     if data[0] != 0:
         reason = STOP_REASONS.get(data[0], f"reason {data[0]}")
-        cause = outcome.reports.get(sender, {}).get("fault") or "no cause given"
-        return [_fault(end_ns * 1e-9, sender, reason, cause)]
+        node = _speaker(outcome, data[0]) if outcome.mode in ("sync", "wall") else sender
+        return [_fault(end_ns * 1e-9, node, reason, _cause(outcome, node))]
     if sender != "dsp" or end_ns < outcome.scenario.duration_ns:
         return [_fault(end_ns * 1e-9, sender, "Stop before the end", "a Stop that the DSP did not send at the end")]
     return []
+
+
+def _speaker(outcome: Outcome, reason: int) -> str:
+    """Return who said Stop on a bus that does not tell: by its reason, and for a joint by who is in fault."""
+    if reason == STOP_JOINT_FAULT:
+        return _troubled(outcome, "joint") or "a joint"
+    return {STOP_OPERATOR: "operator", STOP_CURRENT_LOST: "plant"}.get(reason, "dsp")
+
+
+def _troubled(outcome: Outcome, part: str = "") -> str | None:
+    """Return the first node of a part that is in a fault of its own."""
+    reports = outcome.reports.items()
+    return next((name for name, each in reports if name.startswith(part) and each["fault"] not in NO_FAULT), None)
+
+
+def _cause(outcome: Outcome, node: str) -> str:
+    return outcome.reports.get(node, {}).get("fault") or "no cause given"
 
 
 def _fault(time_s: float, node: str, reason: str, cause: str) -> dict[str, Any]:

@@ -44,6 +44,11 @@ class SyncDrive:
         return self.cycle * self.period_ns
 
     @property
+    def begun(self) -> bool:
+        """Whether the set-up has begun; a Stop before it is that of another run."""
+        return self.cycle >= -self.setup_cycles
+
+    @property
     def finished(self) -> bool:
         """Whether there is nothing left to hear."""
         return self.stopped or self.node.finished
@@ -182,9 +187,8 @@ class PlantDrive(SyncDrive):
     @property
     def _complete(self) -> bool:
         """Whether all of this cycle is there; before the first Sync nothing is."""
-        begun = self.cycle >= -self.setup_cycles
         needs = [*self.currents, self.reference] if self.cycle >= -1 else self.currents
-        return not begun or self._has(needs, self.cycle)
+        return not self.begun or self._has(needs, self.cycle)
 
     def _go_on(self) -> list[Frame]:
         assert self._waiting is not None

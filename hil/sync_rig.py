@@ -8,7 +8,6 @@ import json
 import tempfile
 import time
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from itertools import chain
 from math import inf
 from pathlib import Path
@@ -36,6 +35,8 @@ from hil.witness import Witness
 
 OPERATOR = 1
 """Reason of a Stop, as in arm.dbc."""
+STOP_S = 2.0
+"""Wall time for which an interface that went down may come up again, to carry the Stop."""
 
 
 def run_on_bus(
@@ -70,19 +71,40 @@ def run_on_bus(
             try:
                 for name in external:
                     notice(expectation(codec, name))
+                if external:
+                    _stop_what_was_left(port, codec, notice)
                 on_wait = watchdog(notice, patience_s)
                 _start(nodes, own, on_wait, notice)
                 _watch(witness, TwoSenders(codec), port, nodes, progress, on_wait)
                 return _outcome(scenario, witness, nodes, port, began)
             finally:
                 if not witness.stopped:
-                    with suppress(NodeError):
-                        port.send(codec["Stop"].identifier, codec["Stop"].pack(OPERATOR))
+                    _stop(port, codec, notice)
                 nodes.end()
     except OSError as error:
         raise OutputError(f"temporary files of the run: {error.strerror}; make room, or set TMPDIR") from None
     finally:
         port.close()
+
+
+def _stop(port: CanPort, codec: Codec, notice: Notice) -> None:
+    """Take whoever is in run to init; say so if that cannot be."""
+    deadline = time.monotonic() + STOP_S
+    while True:
+        try:
+            return port.send(codec["Stop"].identifier, codec["Stop"].pack(OPERATOR))
+        except NodeError as error:
+            if time.monotonic() > deadline:
+                return notice(f"no Stop was sent, and who is in run stays there: {error}")
+        time.sleep(0.1)
+
+
+def _stop_what_was_left(port: CanPort, codec: Codec, notice: Notice) -> None:
+    """Take nodes to init that are still in a run whose rig was killed; what they answer belongs to no run."""
+    _stop(port, codec, notice)
+    deadline = time.monotonic() + QUIET_S
+    while (left_s := deadline - time.monotonic()) > 0:
+        port.receive(left_s)
 
 
 def for_bus(scenario: Scenario) -> Scenario:

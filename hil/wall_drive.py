@@ -19,8 +19,8 @@ from hil.scenario import Scenario
 from hil.sync_drive import DSPDrive, Frame, JointDrive, PlantDrive, SyncDrive
 from plant.node import RUN, Plant
 
-SILENCE = 3.5
-"""Periods after a Sync until the plant takes the link for lost: the third one that is missing is half a period late."""
+SILENCE = 3.25
+"""Periods after a Sync until the plant takes the link for lost: the third one that is missing is a quarter late."""
 
 
 class WallDrive(SyncDrive):

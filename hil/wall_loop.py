@@ -32,7 +32,7 @@ class WallLoop:
         port.stamp(by_controller=hardware_stamps)
 
     def run(self, check: Callable[[], None]) -> None:
-        """Play until the node's part is over; check: is called while nothing is heard, and may raise."""
+        """Play until the node's part is over; check: is called all the time, and may raise."""
         drive = self.drive
         self._send(drive.start())
         while not drive.finished:
@@ -43,10 +43,12 @@ class WallLoop:
                 self._send(drive.tick(now_ns))
             wait_s = QUIET_S if wake_ns is None else min(QUIET_S, (wake_ns - now_ns) * 1e-9)
             heard = self._receive(0.0 if due else wait_s)
+            check()
+            if heard is not None and heard[0] == drive.stop.identifier and not drive.begun:
+                continue
             if heard is not None:
                 self._send(drive.hear_at(*heard, self.port.came_ns, time.monotonic_ns()))
             elif wait_s == QUIET_S:
-                check()
                 self._send(drive.idle())
 
     def report(self) -> dict[str, Any]:

@@ -28,7 +28,8 @@ class Plant:
     """The robot on the bus.
 
     payloads: (mass on the hand in kg, from ns on); action_delay_ns: for each joint, the least time
-    after its cycle's start at which a current acts (0 where the bus itself takes time). torques: from outside.
+    after its cycle's start at which a current acts (0 where the bus itself takes time); one that comes later in its
+    cycle acts then, and is overdue. torques: from outside.
     grasps: (when the hand closes, when it opens), ns, for each payload of the robot's world.
     """
 
@@ -66,7 +67,7 @@ class Plant:
         self.answered = [False] * len(joints)
         self.missed_currents = [0] * len(joints)
         self.missed_in_a_row = [0] * len(joints)
-        self.late_currents = 0
+        self.late_currents = self.overdue_currents = 0
         self.stopped = False
         self.finished = False
         self.message = ""
@@ -137,7 +138,9 @@ class Plant:
         if age > 0 and self.state == RUN:
             self.late_currents += 1
             self.missed_currents[joint - 1] -= 1  # it was counted there, and is late instead
-        acts_ns = (period - age) * self.period_ns + self.action_delay_ns[joint - 1]
+        delay_ns = self.action_delay_ns[joint - 1]
+        acts_ns = (period - age) * self.period_ns + delay_ns
+        self.overdue_currents += age == 0 and delay_ns > 0 and acts_ns < at_ns
         self.robot.set_current(joint, counts, max(at_ns, acts_ns))
 
     def _count_missing(self) -> None:
@@ -206,6 +209,7 @@ class Plant:
             "skipped_status": self.status.skipped,
             "crc_errors": self.crc_errors,
             "late_currents": self.late_currents,
+            "overdue_currents": self.overdue_currents,
             "missed_currents": {f"joint{n}": self.missed_currents[n - 1] for n in joints},
             **({} if self.robot.encounter is None else {"missed_grasps": self.robot.missed_grasps}),
             "saturations": {f"amplifier joint{n}": self.robot.saturations[n - 1] for n in joints},

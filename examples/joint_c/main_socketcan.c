@@ -1,9 +1,9 @@
 /*
  * Joint N on a SocketCAN interface: joint_socketcan INTERFACE NUMBER [-j JOINTS] [-p PERIOD_US] [-w]
  *
- * One blocking read loop: every frame is answered when it comes, State and Heartbeat behind Current. Time is counted by
- * the cycles of the Encoder frames, so a stopped bus is stopped time (`sync`); with -w silence of the encoder is a
- * fault by the machine's clock (`wall`). Ends as the Python node does: at Stop or in a fault.
+ * One blocking read loop: Encoder k is answered when AccelRef k - 1 is there, State and Heartbeat behind Current. Time is
+ * counted by the cycles of the Encoder frames, so a stopped bus is stopped time (`sync`); with -w Encoder waits for
+ * nothing, and its silence is a fault by the machine's clock (`wall`). Ends as the Python node does: at Stop or in a fault.
  *
  * Ref: Documentation/networking/can.rst of the Linux kernel.
  */
@@ -32,11 +32,19 @@ struct bus {
     unsigned long waits; /* the transmit queue was full */
 };
 
-/* What cycle it is: Encoder counts modulo 256, from -256 at the earliest; the first AccelRef is that of cycle -1. */
-struct cycles {
-    int64_t now;
-    uint8_t byte;
-    bool announced;
+/* Sockets of one bus may hear its frames in different orders, so AccelRef k may come before Encoder k. */
+struct board {
+    struct joint joint;
+    struct bus bus;
+    bool by_the_wall;
+
+    int64_t cycle;       /* Encoder counts modulo 256, from -256 at the earliest */
+    uint8_t cycle_byte;
+    bool announced;      /* AccelRef has come; the first is that of cycle -1 */
+    struct can_frame references[2];     /* AccelRef of even cycles, of odd ones */
+    struct can_frame encoder, answered; /* the newest, and the last that was answered with `out` */
+    bool waiting;        /* Encoder k waits for AccelRef k - 1 */
+    struct joint_out out;
 };
 
 static void fail(const char *interface, const char *cure)
@@ -109,62 +117,120 @@ static bool receive(const struct bus *bus, struct can_frame *frame, int64_t dead
     }
 }
 
-/* Follow the cycle counter of sound frames. */
-static void count_cycles(struct cycles *cycles, const struct bus *bus, const struct can_frame *frame)
+/* -- the order of frames -- */
+
+static bool same(const struct can_frame *one, const struct can_frame *other)
 {
-    if (frame->can_id == bus->encoder && joint_sound(bus->encoder, frame->data, frame->can_dlc, ARM_ENCODER_1_LENGTH)) {
-        uint8_t byte = frame->data[2];
-        cycles->now += (uint8_t)(byte - cycles->byte);
-        cycles->byte = byte;
-    } else if (frame->can_id == bus->accel_ref && !cycles->announced &&
-               joint_sound(bus->accel_ref, frame->data, frame->can_dlc, ARM_ACCEL_REF_LENGTH)) {
-        cycles->now = -1;
-        cycles->byte = frame->data[6];
-        cycles->announced = true;
+    return one->can_id == other->can_id && one->can_dlc == other->can_dlc &&
+           memcmp(one->data, other->data, one->can_dlc) == 0;
+}
+
+static bool sound(const struct can_frame *frame, uint32_t id, uint8_t length)
+{
+    return frame->can_id == id && joint_sound(id, frame->data, frame->can_dlc, length);
+}
+
+/* The cycle of Encoder or AccelRef, modulo 256: the last byte but one. */
+static uint8_t cycle_of(const struct can_frame *frame)
+{
+    return frame->data[frame->can_dlc - 2];
+}
+
+static void take_reference(struct board *board, const struct can_frame *frame)
+{
+    board->references[cycle_of(frame) % 2] = *frame;
+    if (!board->announced) {
+        board->announced = true;
+        board->cycle = -1;
+        board->cycle_byte = cycle_of(frame);
     }
 }
 
-static void play(struct joint *joint, struct bus *bus, bool by_the_wall)
+/* Begin the cycle of Encoder k; return whether AccelRef k - 1 is there, and no other, once there are any. */
+static bool begin_cycle(struct board *board, const struct can_frame *encoder)
 {
-    struct cycles cycles = {.now = -256};
+    int64_t cycle = board->cycle + (uint8_t)(cycle_of(encoder) - board->cycle_byte);
+    const struct can_frame *reference = &board->references[(cycle - 1) & 1];
+
+    if (!board->by_the_wall && board->announced && cycle >= 0) {
+        if (reference->can_dlc == 0 || cycle_of(reference) != (uint8_t)(cycle_of(encoder) - 1))
+            return false;
+        joint_store(&board->joint, reference->can_id, reference->data, reference->can_dlc);
+    }
+    board->cycle = cycle;
+    board->cycle_byte = cycle_of(encoder);
+    return true;
+}
+
+/* Hand a frame to the joint; true: send `out`. */
+static bool wake(struct board *board, const struct can_frame *frame)
+{
+    joint_frame(&board->joint, frame->can_id, frame->data, frame->can_dlc,
+                board->cycle * board->joint.period_ns, &board->out);
+    return true;
+}
+
+static bool answer(struct board *board)
+{
+    if (sound(&board->encoder, board->bus.encoder, ARM_ENCODER_1_LENGTH) && !begin_cycle(board, &board->encoder))
+        return false;
+    board->waiting = false;
+    board->answered = board->encoder;
+    return wake(board, &board->encoder);
+}
+
+/* Take a frame; return whether to send `out`: that of before, to an Encoder that comes again. */
+static bool hear(struct board *board, const struct can_frame *frame)
+{
+    uint32_t id = frame->can_id;
+
+    if (id == ARM_STOP_FRAME_ID) /* before the first Encoder: of a run before this one */
+        return board->answered.can_id != 0 && wake(board, frame);
+    if (id == board->bus.encoder) {
+        if (!board->by_the_wall && same(frame, &board->answered))
+            return true;
+        board->encoder = *frame;
+        board->waiting = true;
+    }
+    if (sound(frame, board->bus.accel_ref, ARM_ACCEL_REF_LENGTH))
+        take_reference(board, frame);
+    if (id == board->bus.parameter || (id == board->bus.accel_ref && board->by_the_wall))
+        joint_store(&board->joint, id, frame->data, frame->can_dlc);
+    return board->waiting && answer(board);
+}
+
+static void play(struct board *board)
+{
     int64_t deadline_ns = JOINT_NO_TIMER;
-    struct joint_out out;
     struct can_frame frame;
 
-    while (!joint->finished) {
-        if (!receive(bus, &frame, deadline_ns)) {
-            joint_timer(joint, &out);
+    while (!board->joint.finished) {
+        if (!receive(&board->bus, &frame, deadline_ns)) {
+            joint_timer(&board->joint, &board->out);
         } else {
-            int64_t began_ns = clock_ns(), now_ns;
+            int64_t began_ns = clock_ns();
 
-            count_cycles(&cycles, bus, &frame);
-            if (frame.can_id == bus->accel_ref || frame.can_id == bus->parameter) {
-                joint_store(joint, frame.can_id, frame.data, frame.can_dlc);
+            if (!hear(board, &frame))
                 continue;
-            }
-            now_ns = cycles.now * joint->period_ns;
-            joint_frame(joint, frame.can_id, frame.data, frame.can_dlc, now_ns, &out);
-            if (!by_the_wall || out.timer_ns == JOINT_NO_TIMER)
-                deadline_ns = JOINT_NO_TIMER;
-            else
-                deadline_ns = began_ns + out.timer_ns - now_ns;
+            deadline_ns = JOINT_NO_TIMER;
+            if (board->by_the_wall && board->out.timer_ns != JOINT_NO_TIMER)
+                deadline_ns = began_ns + board->out.timer_ns - board->cycle * board->joint.period_ns;
         }
-        send_all(bus, &out);
+        send_all(&board->bus, &board->out);
     }
 }
 
 int main(int argc, char **argv)
 {
     long number, joints = 3, period_us = 1000;
-    bool by_the_wall = false;
-    struct joint joint;
-    struct bus bus = {0};
+    struct board board = {.cycle = -256};
+    const struct joint *joint = &board.joint;
     int option;
 
     while ((option = getopt(argc, argv, "j:p:w")) != -1) {
         joints = option == 'j' ? strtol(optarg, NULL, 10) : joints;
         period_us = option == 'p' ? strtol(optarg, NULL, 10) : period_us;
-        by_the_wall |= option == 'w';
+        board.by_the_wall |= option == 'w';
         if (option == '?')
             return USAGE;
     }
@@ -173,13 +239,13 @@ int main(int argc, char **argv)
         fprintf(stderr, "usage: %s INTERFACE NUMBER [-j JOINTS] [-p PERIOD_US] [-w]; up to %d joints\n", argv[0], JOINTS);
         return USAGE;
     }
-    joint_init(&joint, (uint8_t)number, (uint8_t)joints, period_us * 1000, 0, 0);
-    join(&bus, argv[optind], (uint32_t)number);
+    joint_init(&board.joint, (uint8_t)number, (uint8_t)joints, period_us * 1000, 0, 0);
+    join(&board.bus, argv[optind], (uint32_t)number);
     printf("joint%ld on %s: waits for the set-up\n", number, argv[optind]);
     fflush(stdout);
-    play(&joint, &bus, by_the_wall);
+    play(&board);
     printf("joint%ld: the run is over; fault %u, %u cycles, %u strikes, %u missed encoders, %u CRC errors, %lu waits\n",
-           number, joint.fault, (unsigned)joint.cycles, (unsigned)joint.strikes, (unsigned)joint.missed_encoders,
-           (unsigned)joint.crc_errors, bus.waits);
-    return joint.fault ? STOPPED : 0;
+           number, joint->fault, (unsigned)joint->cycles, (unsigned)joint->strikes, (unsigned)joint->missed_encoders,
+           (unsigned)joint->crc_errors, board.bus.waits);
+    return joint->fault ? STOPPED : 0;
 }

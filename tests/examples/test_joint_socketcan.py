@@ -4,7 +4,7 @@ import os
 import socket
 import struct
 import subprocess
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import pytest
 
@@ -12,11 +12,12 @@ from dbc.compiler import load_arm
 from tests.examples.conftest import HERE, STRICT, run
 from tests.examples.test_joint_c import FUNCTIONAL, record
 from tests.examples.transcript import CALL
+from tests.lab.inside.kernel import alone
 
 FRAME = struct.Struct("=IB3x8s")
 """struct can_frame."""
 
-CURRENT_2, STOP = 0x122, 0x010
+CURRENT_2, ENCODER_2, ACCEL_REF, STOP = 0x122, 0x102, 0x130, 0x010
 EXACTLY = 0x7FF | 1 << 31 | 1 << 30
 SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
 
@@ -84,8 +85,12 @@ def can_socket(kind, fake, filters):
 
 @pytest.fixture(params=["in its place", "vcan0", "cards"])
 def program(built, fake, tmp_path, request):
-    """Return a context: the program with these arguments, on a CAN socket of this kind."""
+    """A context: the program with these arguments, on a CAN socket of this kind."""
+    with nullcontext() if request.param == "in its place" else alone():
+        yield starter(built, fake, tmp_path, request)
 
+
+def starter(built, fake, tmp_path, request):
     @contextmanager
     def start(*arguments):
         end, interface, environment, other = can_socket(request.param, fake, tmp_path / "filters")
@@ -149,6 +154,60 @@ def test_the_cycle_is_known_from_the_first_reference_on(program, setup_cycles):
     assert since_the_first_reference(joint2.sent) == since_the_first_reference(joint.sent)
     if setup_cycles <= 256:
         assert joint2.sent == joint.sent
+
+
+def told(joint):
+    """Return what the joint was told, as (identifier, data)."""
+    calls = [CALL.unpack(call) for call in joint.calls]
+    return [(call[4], call[6][: call[1]]) for call in calls if chr(call[0]) in "sf"]
+
+
+def tell(program, frames):
+    """Send frames, and at most two Encoders before there is an answer."""
+    asked = 0
+    for identifier, data in frames:
+        program.send(identifier, data)
+        asked += identifier == ENCODER_2
+        if asked > 2:
+            program.answer()
+            asked -= 1
+
+
+def other_way(frames, first, second):
+    """Return the frames with each second that comes right behind a first before it; the very first pair stays."""
+    frames, pairs = list(frames), 0
+    for at in range(len(frames) - 1):
+        if (frames[at][0], frames[at + 1][0]) == (first, second):
+            pairs += 1
+            if pairs > 1:
+                frames[at : at + 2] = frames[at + 1], frames[at]
+    return frames
+
+
+@pytest.mark.parametrize(("first", "second"), [(ACCEL_REF, ENCODER_2), (ENCODER_2, ACCEL_REF)])
+def test_encoder_is_answered_with_the_reference_of_the_cycle_before(program, first, second):
+    """Whichever comes first: Encoder k before AccelRef k - 1, or behind AccelRef k."""
+    _, (_, joint, _) = record("paper-joint", FUNCTIONAL, *SHORT)
+    frames = other_way(told(joint), first, second)
+    assert frames != told(joint)
+    with program("2") as joint2:
+        tell(joint2, frames)
+        code, text = joint2.finish()
+    assert joint2.sent == joint.sent
+    assert code == 0, text
+
+
+def test_what_was_asked_twice_before_the_run_counts_once_and_a_stop_before_all_of_it_not_at_all(program):
+    """As the rig asks again while somebody is not there yet, and stops whoever a run before has left."""
+    _, (_, joint, _) = record("paper-joint", FUNCTIONAL, *SHORT)
+    first = next(at for at, (identifier, _) in enumerate(told(joint)) if identifier == ACCEL_REF)
+    again = [frame for frame in told(joint)[:first] for _ in range(1 + (frame[0] == ENCODER_2))]
+    with program("2") as joint2:
+        tell(joint2, [(STOP, bytes([1])), *again, *told(joint)[first:]])
+        code, text = joint2.finish()
+    assert len(joint2.sent) > len(joint.sent)
+    assert since_the_first_reference(joint2.sent) == since_the_first_reference(joint.sent)
+    assert code == 0, text
 
 
 def test_it_asks_for_its_four_identifiers_and_no_more(program, tmp_path):

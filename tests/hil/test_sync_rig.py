@@ -183,6 +183,36 @@ def test_node_whose_rig_is_gone_ends_by_itself(hil: Any, street: Any, children_o
     assert street.poll() is None
 
 
+def test_board_left_in_run_by_a_killed_rig_is_stopped_before_the_next_set_up(
+    hil: Any, street: Any, children_of: Any
+) -> None:
+    """And a board that waits for its first set-up goes on waiting: that Stop is not for it."""
+    words = ["-c", "street", "--set", "clock.kind=sync"]
+    board = hil.start("node", "joint", "2", *words)
+    rig = hil.start("run", "-i", "hil", *words, "--json", "--external", "joint2", "--set", "duration_s=60")
+    witness = CanPort("hil", "street", {0x080})
+    for byte in (b"\xff", b"\x10"):  # the last cycle of the set-up, then cycle 16
+        while wait_for(lambda: witness.receive(1.0)) != (0x080, byte):
+            pass
+    witness.close()
+    nodes = children_of(rig.pid)
+    rig.kill()
+    rig.communicate()
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in nodes))
+    assert board.poll() is None
+    waiting = hil.start("node", "joint", "2", *words, *(word for setting in SHORT for word in ("--set", setting)))
+    assert "joint2 of paper-joint" in waiting.stdout.readline()
+    time.sleep(2.0)  # until it listens; it says nothing when it does
+    outcome = run_on_bus(scenario_file.load("paper-joint", SHORT), PLACE, ["joint2"], patience_s=20.0)
+    assert data_of(outcome.log.frames) == data_of(functional(*SHORT).log.frames)
+    _, complaint = board.communicate(timeout=LIMIT_S)
+    assert board.returncode == 6
+    assert "joint2: stopped" in complaint
+    waiting.communicate(timeout=LIMIT_S)
+    assert waiting.returncode == 0
+    assert street.poll() is None
+
+
 REFUSED = {
     ("-i", "socketcan"): (2, "--interface socketcan needs --channel"),
     ("-i", "socketcan", "-c", "no0", "--bus-kwargs", "[1]"): (2, "write a JSON object"),

@@ -12,7 +12,12 @@ from pathlib import Path
 
 KERNEL = "linux-image-amd64"
 """The package that depends on the kernel of this Debian."""
-INSTALLED = {"qemu-system-x86_64": "qemu-system-x86", "ip": "iproute2", "setpriv": "util-linux"}
+INSTALLED = {
+    "qemu-system-x86_64": "qemu-system-x86",
+    "ip": "iproute2",
+    "setpriv": "util-linux",
+    "cc": "build-essential",
+}
 """Programs that must be on the path, and whose they are."""
 PARTS = {
     KERNEL: ["*boot/vmlinuz-*", *(f"*/kernel/{part}/*" for part in ("drivers/net/can", "drivers/virtio", "fs", "net"))]

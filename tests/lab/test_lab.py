@@ -1,5 +1,6 @@
 """The lab without QEMU: what it would boot, fetch and run. With HIL_LAB=1 it boots, too: 15 s each time."""
 
+import json
 import os
 import re
 import shlex
@@ -13,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from tests.lab import boot, initramfs, packages
+from tests.lab import boot, initramfs, packages, report
 
 ROOT = Path(__file__).parents[2]
 booted = pytest.mark.skipif(os.environ.get("HIL_LAB") != "1", reason="HIL_LAB=1 boots the lab here; or make lab")
@@ -160,7 +161,7 @@ def test_without_privilege_the_missing_packages_are_named(
     assert boot.main([]) == boot.SKIPPED
     said = capfd.readouterr().err
     assert "THE LAB WAS SKIPPED" in said
-    assert "install these packages: qemu-system-x86 iproute2 util-linux" in said
+    assert "install these packages: qemu-system-x86 iproute2 util-linux build-essential" in said
 
 
 def test_the_kernel_is_the_one_that_debian_means(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,6 +189,36 @@ def test_what_cannot_be_fetched_leaves_nothing(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(packages.Missing, match="no network"):
         packages.unpacked("can-utils")
     assert list((tmp_path / "hil" / "lab").iterdir()) == []
+
+
+def test_the_report_has_a_row_for_each_thing_to_show(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for name, passed in (("vcan0-a", True), ("vcan0-b", False), ("cards-a", True), ("own-a", True)):
+        row = {"row": name.partition("-")[0], "got": [f"{name} | 3 frames"], "passed": passed}
+        (tmp_path / f"row-{name}.json").write_text(json.dumps(row))
+    assert report.main(tmp_path) == 1
+    found = dict(zip([*report.ROWS, "own"], report.rows(tmp_path), strict=True))
+    assert {name: row.passed for name, row in found.items() if row.got} == {"vcan0": False, "cards": True, "own": True}
+    assert found["burst"].passed is None
+    lines = (tmp_path / "report.md").read_text().splitlines()
+    assert len(lines) == 6 + len(found)
+    assert lines[-1] == "The tests did not come to their end."
+    assert "vcan0-a \\| 3 frames<br>vcan0-b \\| 3 frames | FAILED |" in lines[4]
+    assert "NOT SHOWN" in capfd.readouterr().out
+    report.clear(tmp_path)
+    assert not any(row.got for row in report.rows(tmp_path))
+
+
+def test_what_is_shown_and_a_good_exit_make_a_good_exit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(_command: tuple[str, ...]) -> int:
+        for name in report.ROWS:
+            (tmp_path / f"row-{name}.json").write_text(json.dumps({"row": name, "got": [], "passed": True}))
+        return 3
+
+    monkeypatch.setattr(packages, "install", lambda: None)
+    monkeypatch.setattr(boot, "build_board", lambda _results: None)
+    assert boot.reported(run, tmp_path) == 3
+    assert boot.reported(lambda command: run(command) - 3, tmp_path) == 0
+    assert boot.reported(lambda _command: 0, tmp_path) == 1
 
 
 @booted

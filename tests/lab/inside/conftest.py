@@ -2,17 +2,45 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
 import can
 import pytest
 
+from hil.processes import Processes
+from tests.lab import report as report_page
 from tests.lab.inside import kernel
+from tests.lab.inside.warm import start_node
 
 ROOT = Path(__file__).parents[3]
 Join = Callable[..., can.BusABC]
+RESULTS = Path(os.environ.get("HIL_LAB_RESULTS", report_page.RESULTS))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "row(*names): its outcome, and what it found, stand in these rows of the report")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Leave what a test of a row found, passed or not, for tests/lab/report.py."""
+    found = yield
+    mark = item.get_closest_marker("row")
+    if mark is not None and not found.skipped and (found.when == "call" or found.failed):
+        got = [str(value) for _, value in item.user_properties]
+        for name in mark.args:
+            write(f"row-{name}-{item.name}", {"row": name, "got": got, "passed": found.passed})
+    return found
+
+
+def write(name: str, figures: dict[str, Any]) -> None:
+    """Leave figures in the folder of results."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    (RESULTS / f"{name}.json").write_text(json.dumps(figures, indent=2) + "\n")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -22,14 +50,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture
-def vcan() -> str:
+def alone() -> Iterator[None]:
+    """Nobody else's tests on the interfaces meanwhile."""
+    with kernel.alone():
+        yield
+
+
+@pytest.fixture
+def vcan(alone: None) -> str:  # noqa: ARG001 (it is there)
     """The kernel's virtual CAN."""
     needs(kernel.link, "vcan0")
     return "vcan0"
 
 
 @pytest.fixture
-def cards() -> tuple[str, str]:
+def cards(alone: None) -> tuple[str, str]:  # noqa: ARG001 (it is there)
     """Two cards on one bus, which the tests may load as they like: somebody has to say which."""
     names = os.environ.get("HIL_LAB_CARDS", "").split(",")
     if len(names) != 2:
@@ -86,13 +121,44 @@ def join() -> Iterator[Join]:
 @pytest.fixture
 def report() -> Callable[[str, dict[str, Any]], None]:
     """Leave figures in the folder of results."""
-    folder = Path(os.environ.get("HIL_LAB_RESULTS", ROOT / "build" / "lab"))
-
-    def write(name: str, figures: dict[str, Any]) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.json").write_text(json.dumps(figures, indent=2) + "\n")
-
     return write
+
+
+@pytest.fixture
+def got(request: pytest.FixtureRequest) -> Callable[[str], None]:
+    """Say what was found, for the test's row of the report."""
+    return lambda text: request.node.user_properties.append(("got", text))
+
+
+@pytest.fixture
+def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
+    """Have the rig's nodes forked, in the lab; they are here by name, and all have ended when the test has."""
+    started: dict[str, Any] = {}
+
+    begin = start_node if kernel.INSIDE else Processes._start
+
+    def start(self: Processes, name: str) -> Any:
+        started[name] = begin(self, name)
+        return started[name]
+
+    monkeypatch.setattr(Processes, "_start", start)
+    yield started
+    left = [name for name, process in started.items() if process.poll() is None]
+    for name in left:
+        started[name].kill()
+    assert not left, f"the rig has left {left} behind"
+
+
+@pytest.fixture(scope="session")
+def joint_c() -> Path:
+    """The program in C that plays a joint; in the lab it has been built before."""
+    needs(kernel.program, "make")
+    needs(kernel.program, "cc")
+    folder = RESULTS / "joint_c"
+    target = folder / "joint_socketcan"
+    make = ("make", "-C", str(ROOT / "examples" / "joint_c"), f"BUILD={folder}")
+    subprocess.run([*make, f"CANTOOLS={sys.executable} -m cantools", str(target)], check=True, capture_output=True)
+    return target
 
 
 def needs(ask: Callable[..., Any], *words: str) -> Any:

@@ -1,12 +1,15 @@
 """What the kernel says of its CAN interfaces, through iproute2 and /proc; and what to do where it has none."""
 
+import fcntl
 import json
 import os
 import shutil
 import socket
 import subprocess
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -14,6 +17,8 @@ import pytest
 
 INSIDE = os.environ.get("HIL_LAB_INSIDE") == "1"
 """Whether this is the lab, where everything must be there and may be changed."""
+LOSSES = ("rx_over_errors", "rx_dropped", "rx_errors", "tx_dropped", "tx_errors")
+"""What an interface counts when it loses a frame."""
 
 
 class Unavailable(Exception):
@@ -26,6 +31,14 @@ def family() -> None:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
         raise Unavailable(f"no CAN in this kernel ({error.strerror}): modprobe can_raw, or run make lab") from None
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Have the interfaces of this machine for oneself: tests run two files at a time, and a bus is for all."""
+    with Path(tempfile.gettempdir(), "hil-interfaces.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def program(name: str) -> str:
@@ -62,6 +75,12 @@ def received(name: str) -> dict[str, int]:
 def sent(name: str) -> dict[str, int]:
     """Return the statistics of what an interface sent."""
     return dict(link(name)["stats64"]["tx"])
+
+
+def losses(*names: str) -> dict[str, int]:
+    """Return what these interfaces have lost so far, all together."""
+    folders = [Path("/sys/class/net", name, "statistics") for name in names]
+    return {loss: sum(int((folder / loss).read_text()) for folder in folders) for loss in LOSSES}
 
 
 def refused(name: str) -> int:
