@@ -8,8 +8,8 @@ Ref: S. Komada, M. Ishida, T. Hori, Control of Robots Using Disturbance Observer
 
 INIT, READY, RUN, FAULT = 0, 1, 2, 3
 STATES = ("init", "ready", "run", "fault")
-NO_FAULT, ENCODER_LOST, REFERENCE_LOST, PARAMETERS, STOPPED = 0, 1, 2, 3, 4
-FAULTS = ("none", "encoder lost", "reference lost", "parameters", "stopped")
+NO_FAULT, ENCODER_LOST, REFERENCE_LOST, PARAMETERS, STOPPED, NOT_READY = 0, 1, 2, 3, 4, 7
+FAULTS = ("none", "encoder lost", "reference lost", "parameters", "stopped", "", "", "node not ready")
 STOP_END, STOP_JOINT_FAULT = 0, 2
 MISSES_TO_FAULT = 3
 
@@ -137,7 +137,9 @@ class JointCPU:
             self.i = i
         elif self.state == FAULT:
             self.finished = True
-            sends.append((0, self.stop.identifier, self.stop.pack(STOP_JOINT_FAULT)))
+            sends.append(self._stop_frame())
+        elif self.state == INIT and self._left_out(cycle):
+            sends.append(self._stop_frame())
         self.cycle = cycle
         sends.append((self.compute_ns, self.current.identifier, self.current.pack(i, estimate, cycle)))
         sends += self._status(now_ns)
@@ -147,7 +149,7 @@ class JointCPU:
         """Three Encoder frames in a row are missing."""
         self._enter_fault(ENCODER_LOST)
         self.finished = True
-        return 0, None, [self._no_current(), (0, self.stop.identifier, self.stop.pack(STOP_JOINT_FAULT))]
+        return 0, None, [self._no_current(), self._stop_frame()]
 
     # -- the law --
 
@@ -242,8 +244,23 @@ class JointCPU:
             self.state = INIT
             self.fault = NO_FAULT if reason == STOP_END else STOPPED
         self.timer_ns = None
+        self.reference_data = None
         self.i = 0
         return 0, None, [self._no_current()]
+
+    def _left_out(self, cycle):
+        """Return whether a run is on without this joint: references come, and it was not set up for them.
+
+        As after a reset in the middle of a run, when its current of zero would look like an answer.
+        """
+        on = self._reference(cycle) is not None
+        self.reference_data = None
+        if on:
+            self.fault = NOT_READY
+        return on
+
+    def _stop_frame(self):
+        return 0, self.stop.identifier, self.stop.pack(STOP_JOINT_FAULT)
 
     def _no_current(self):
         return 0, self.current.identifier, self.current.pack(0, 0, self.cycle)

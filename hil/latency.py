@@ -21,8 +21,8 @@ def distribution(values_s: Sequence[float]) -> dict[str, Any] | None:
     values = np.asarray(values_s, dtype=float)
     found = {name: float(np.quantile(values, share, method="inverted_cdf")) for name, share in QUANTILES.items()}
     counts, edges = _histogram(np.maximum(values, SMALLEST_S))
-    histogram = {"edges_s": edges, "counts": counts}
-    return {"count": len(values), "min_s": float(values.min())} | found | {"max_s": float(values.max())} | histogram
+    span = {"count": len(values), "min_s": float(values.min())} | found | {"max_s": float(values.max())}
+    return span | {"edges_s": edges, "counts": counts}
 
 
 def _histogram(values: Any) -> tuple[list[int], list[float]]:

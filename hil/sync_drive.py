@@ -147,7 +147,7 @@ class JointDrive(SyncDrive):
     def _take_encoder(self, data: bytes) -> list[Frame]:
         byte = self._cycle_of(self.encoder, data)
         cycle = self.cycle if byte is None else self._nearest(byte)
-        reference = self._references.pop((cycle - 1) & 0xFF, None) if cycle >= 0 else None
+        reference = self._references.pop((cycle - 1) & 0xFF, None)
         if reference is None and self._waits(cycle) and (self.encoder, data) != self._question:
             return []
         if reference is not None and self.reference in self.node.stores:

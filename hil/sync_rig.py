@@ -71,7 +71,7 @@ def run_on_bus(
             try:
                 for name in external:
                     notice(expectation(codec, name))
-                if external:
+                if external and "dsp" not in external:  # a DSP that repeats its first Sync would take it for the end
                     _stop_what_was_left(port, codec, notice)
                 on_wait = _patient(witness, notice, patience_s)
                 _start(nodes, own, on_wait, notice)

@@ -12,7 +12,9 @@ from hil.scenario import Scenario
 class Witness:
     """Hears every frame. began: wall time at cycle 0. strange: frames that the database does not know.
 
-    lost: frames that were on the bus, since the next Sync stands for them, and that the rig was too slow to hear.
+    lost: frames that were on the bus, since the next Sync stands for them, and that the rig was too slow to hear. One
+    that comes behind that Sync, since sockets need not hear two senders in one order, is not lost, and is of its own
+    cycle.
     """
 
     in_real_time = False
@@ -32,6 +34,8 @@ class Witness:
         self._sync, self._stop = codec["Sync"], codec["Stop"]
         self._due = [name for name in cycle_frames(scenario.joints) if name != "State"]
         self._heard: set[str] = set()
+        self._missed: set[str] = set()
+        self._codecs = codec.by_identifier
 
     def hear(self, identifier: int, data: bytes, came_ns: int = 0) -> bool:
         """Take a frame; return whether it moved the run on: one that comes again, or nobody knows, does not.
@@ -47,10 +51,23 @@ class Witness:
             self.cycle += data == b"\0"  # it stands for the Sync of the cycle behind the last
         if identifier == self._sync.identifier and not self._begin(data):
             return False
+        if name in self._missed and self._is_of(self.cycle - 1, identifier, data):
+            return self._take_late(name, identifier, data)
         moved = name not in self._heard
         self._heard.add(name)
         self.log.watch(self._instant(name, came_ns), identifier, data, sender_of(name))
         return moved
+
+    def _is_of(self, cycle: int, identifier: int, data: bytes) -> bool:
+        fields = self._codecs[identifier].unpack(data)
+        return fields is not None and fields[-1] == cycle & 0xFF
+
+    def _take_late(self, name: str, identifier: int, data: bytes) -> bool:
+        """Take a frame that came behind the next Sync, and was counted as lost; it does not move the run on."""
+        self._missed.discard(name)
+        self.lost -= self.cycle > 0
+        self.log.watch((self.cycle - 1) * self._period_ns, identifier, data, sender_of(name))
+        return False
 
     def _instant(self, _name: str, _came_ns: int) -> int:
         """Return when a frame was on the bus, in ns since cycle 0: by Sync, at the beginning of its cycle."""
@@ -69,9 +86,11 @@ class Witness:
         fields = self._sync.unpack(data)
         ahead = 0 if fields is None else (fields[0] - self.cycle) & 0xFF
         self.cycle += ahead
+        missing = [name for name in self._due if name not in self._heard]
         if ahead and self.cycle > 0:
-            self._count_missing([name for name in self._due if name not in self._heard], ahead - 1)
+            self._count_missing(missing, ahead - 1)
         if ahead:
+            self._missed = set() if self.in_real_time else set(missing)
             self._heard.clear()
         if self.began is None and self.cycle >= 0:
             self.began = time.perf_counter()

@@ -135,6 +135,17 @@ static void follow(struct joint *joint, uint16_t count, uint8_t cycle, int64_t n
         joint->timer_ns = now_ns + MISSES_TO_FAULT * joint->period_ns + joint->period_ns / 2;
 }
 
+/* Return whether a run is on without this joint, as after a reset in its middle: references come, and it is in init. */
+static bool left_out(struct joint *joint, uint8_t cycle)
+{
+    bool on = take_reference(joint, cycle);
+
+    joint->reference.full = false;
+    if (on)
+        joint->fault = ARM_STATE_1_FAULT_NODE_NOT_READY_CHOICE;
+    return on;
+}
+
 static void stop(struct joint *joint, uint8_t reason, struct joint_out *out)
 {
     joint->finished = true;
@@ -144,6 +155,7 @@ static void stop(struct joint *joint, uint8_t reason, struct joint_out *out)
                                                             : ARM_STATE_1_FAULT_STOPPED_CHOICE;
     }
     joint->timer_ns = JOINT_NO_TIMER;
+    joint->reference.full = false;
     queue_current(joint, out, 0, 0, 0);
 }
 
@@ -161,6 +173,8 @@ static void answer(struct joint *joint, const struct arm_encoder_1_t *encoder, i
         joint_step(&joint->law, encoder->position, joint->a_ref, &i, &estimate);
     } else if (joint->state == FAULT) {
         joint->finished = true;
+        queue_stop(out);
+    } else if (joint->state == INIT && left_out(joint, encoder->cycle)) {
         queue_stop(out);
     }
     joint->cycle = encoder->cycle;

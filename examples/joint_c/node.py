@@ -13,7 +13,7 @@ from pathlib import Path
 LIBRARY = Path(__file__).parent / "build" / "libjoint.so"
 NO_TIMER = -(1 << 63)
 SIGNALS = ("w", "dw", "KB*dw", "d", "i", "i-d")
-FAULTS = ("", "encoder lost", "reference lost", "parameters", "stopped")
+FAULTS = ("", "encoder lost", "reference lost", "parameters", "stopped", "", "", "node not ready")
 
 
 class Law(ctypes.Structure):

@@ -64,7 +64,7 @@ class Life:
         if cpu.state == RUN and self.seldom(0.005):
             self.drought = 4
         self.drought = max(0, self.drought - 1)
-        waits = cpu.state == INIT or (cpu.state == READY and chance.random() < 0.8)
+        waits = chance.random() < {INIT: 0.9, READY: 0.8}.get(cpu.state, 0.0)  # INIT: a run that is on without it
         if not (waits or self.drought or self.seldom(0.03)):
             self.reference_frame()
         if self.seldom(0.002):

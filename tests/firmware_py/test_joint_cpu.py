@@ -630,3 +630,33 @@ def test_a_refused_parameter_is_answered_with_what_stands_there(bench, tables):
     bench.reference(3, 0, 0, 0)
     (answer,) = [fields for name, _, fields in bench.encoder(4, 0) if name == "Acknowledge"]
     assert answer[:2] == (0, tables[bench.number - 1][0])
+
+
+# -- left out --
+
+
+def test_joint_that_is_not_set_up_says_stop_when_a_run_is_on(bench):
+    """As after a reset in the middle of a run: its current of zero is no answer."""
+    bench.reference(40, 7, 7, 7)
+    answers = bench.encoder(41, 100)
+    assert names(answers) == ["Stop", "Current"]
+    assert answers[0] == ("Stop", 0, (STOP_JOINT_FAULT,))
+    assert bench.cpu.state == INIT
+    assert bench.cpu.report()["fault"] == "node not ready"
+    assert names(bench.encoder(42, 100)) == ["Current"]
+    bench.set_up()
+    assert bench.cpu.report()["fault"] == ""
+
+
+def test_reference_of_another_run_says_nothing(bench):
+    bench.reference(17, 7, 7, 7)
+    for cycle in range(20, 300):
+        assert names(bench.encoder(cycle, 100)) in (["Current"], ["Current", "State"], ["Current", "Heartbeat"])
+    assert bench.cpu.report()["fault"] == ""
+
+
+def test_stop_forgets_the_reference(bench):
+    bench.start((50, 0, 0))
+    bench.reference(0, 60, 0, 0)
+    bench.stop(1)
+    assert "Stop" not in names(bench.encoder(1, 0))

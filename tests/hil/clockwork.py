@@ -38,7 +38,7 @@ class Process:
 class Clockwork:
     """Runs a scenario. frozen, deaf: (from, until) in ns since Sync 0, by node; deaf: nothing in or out.
 
-    lose: whether nobody gets this frame. shift: what a stamp is wrong by.
+    lose: whether nobody gets this frame. shift: what a stamp is wrong by. reset: when a node begins anew, by node.
     """
 
     def __init__(
@@ -48,8 +48,11 @@ class Clockwork:
         deaf: Mapping[str, Sequence[Interval]] | None = None,
         lose: Callable[[int, bytes], bool] = lambda _identifier, _data: False,
         shift: Callable[[int, int], int] = lambda _identifier, _at_ns: 0,
+        reset: Mapping[str, int] | None = None,
     ) -> None:
+        self.scenario = scenario
         self.processes = {n.name: Process(make_wall_drive(n, scenario, CODEC)) for n in build_nodes(scenario)}
+        self.reset = reset or {}
         self.witness = WallWitness(scenario, CODEC)
         self.stretch = 1.0 / scenario.clock.pace
         self.frozen, self.deaf, self.lose, self.shift = frozen or {}, deaf or {}, lose, shift
@@ -91,6 +94,8 @@ class Clockwork:
     def _deliver(self, sender: str, identifier: int, data: bytes, now_ns: int) -> None:
         if identifier == 0x080 and self.witness.cycle == -1 and self.began_ns is None:
             self.began_ns = now_ns
+            for name, at_ns in self.reset.items():
+                self._at(now_ns + at_ns, lambda _, name=name: self._begin_anew(name))
         if not self.witness.stopped:
             self.witness.hear(identifier, data, now_ns)
         for name, process in self.processes.items():
@@ -99,6 +104,10 @@ class Clockwork:
             if self._within(self.deaf.get(name, ()), now_ns) is None:
                 process.inbox.append((identifier, data, now_ns + self.shift(identifier, now_ns)))
                 self._wake(name, now_ns)
+
+    def _begin_anew(self, name: str) -> None:
+        (node,) = [each for each in build_nodes(self.scenario) if each.name == name]
+        self.processes[name] = Process(make_wall_drive(node, self.scenario, CODEC))
 
     def _wake(self, name: str, at_ns: int) -> None:
         """Have a process look around then, at the latest."""

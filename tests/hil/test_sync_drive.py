@@ -229,3 +229,63 @@ def test_sync_drive_of_a_user_s_node_needs_no_more_than_a_node_s_calls() -> None
     drive.hear(0x130, bytes(8))
     assert drive.hear(0x101, b"x") == [(0x7FF, b"x")]
     assert node.heard[1:] == [("store", 7_000_000), ("frame", 7_000_000)]
+
+
+class Heard(list[tuple[int, bytes]]):
+    """Keeps what a witness would hear."""
+
+    stopped = False
+
+    def hear(self, identifier: int, data: bytes) -> None:
+        self.append((identifier, data))
+
+
+def heard_of(scenario: Scenario) -> list[tuple[int, bytes]]:
+    """Return the frames of a run in their order."""
+    ether, heard = Ether(scenario), Heard()
+    ether.witness = heard  # type: ignore[assignment]
+    ether.start()
+    while ether.order:
+        ether.carry()
+    return heard[: heard.index((CODEC["Stop"].identifier, b"\0")) + 1]
+
+
+def swapped(frames: list[tuple[int, bytes]], name: str) -> list[tuple[int, bytes]]:
+    """Return these frames with every third of this name behind the next Sync, as another socket may hear them."""
+    count = 0
+    late: list[tuple[int, bytes]] = []
+    found: list[tuple[int, bytes]] = []
+    for frame in frames:
+        count += frame[0] == CODEC[name].identifier
+        if frame[0] == CODEC[name].identifier and count % 3 == 0:
+            late.append(frame)
+            continue
+        ends = frame[0] == CODEC["Stop"].identifier  # nobody listens behind it
+        found += [*late, frame] if ends else [frame, *late] if frame[0] == CODEC["Sync"].identifier else [frame]
+        if ends or frame[0] == CODEC["Sync"].identifier:
+            late.clear()
+    return found
+
+
+@pytest.mark.parametrize("name", ["Current_1", "Current_3", "AccelRef", "Encoder_2"])
+def test_frame_that_is_heard_behind_the_next_sync_is_not_lost(name: str) -> None:
+    scenario = load("paper-joint", **SHORT)
+    frames, plain, witness = heard_of(scenario), Witness(scenario, CODEC), Witness(scenario, CODEC)
+    for each in frames:
+        plain.hear(*each)
+    for each in swapped(frames, name):
+        witness.hear(*each)
+    assert swapped(frames, name) != frames
+    assert (plain.lost, witness.lost) == (0, 0)
+    assert sorted(witness.log.frames) == sorted(plain.log.frames)
+
+
+@pytest.mark.parametrize("name", ["Current_1", "AccelRef", "Encoder_2"])
+def test_frame_that_is_not_heard_at_all_is_lost(name: str) -> None:
+    scenario = load("paper-joint", **SHORT)
+    frames, witness = heard_of(scenario), Witness(scenario, CODEC)
+    lost = [k for k, each in enumerate(frames) if each[0] == CODEC[name].identifier][-100:-50:10]
+    for k, each in enumerate(frames):
+        if k not in lost:
+            witness.hear(*each)
+    assert witness.lost == len(lost) == 5

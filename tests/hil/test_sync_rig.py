@@ -82,8 +82,9 @@ def test_external_joint_is_announced_waited_for_and_changes_nothing(hil: Any) ->
                     "--external", "joint2")  # fmt: skip
     said = ""
     while "waiting for joint2" not in said:  # somebody takes a while to plug the board in
-        assert rig.poll() is None, said
-        said += rig.stderr.readline()
+        line = rig.stderr.readline()
+        assert line, said
+        said += line
     board = hil.run("node", "joint", "2", "-c", "street", "--set", "clock.kind=sync", *words)
     out, err = rig.communicate(timeout=LIMIT_S)
     assert rig.returncode == 0, err

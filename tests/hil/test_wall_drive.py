@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from firmware_py.joint_cpu import STOP_JOINT_FAULT
 from hil import scenario_file
 from hil.rig import run_inline
 from hil.scenario import Scenario
@@ -176,6 +177,19 @@ def test_references_lost_brake_within_three_periods() -> None:
     assert due_ns // T_NS == 50
     assert due_ns < plant(machine)["braked_ns"] <= due_ns + 3 * T_NS
     assert machine.drive("joint1").node.report()["fault"] == "reference lost"
+
+
+@pytest.mark.parametrize("at_us", range(0, 1000, 100))
+@pytest.mark.parametrize("name", ["joint1", "joint3"])
+def test_a_joint_that_begins_anew_in_the_run_brakes_it_within_three_periods(name: str, at_us: int) -> None:
+    """A board's watchdog, say: it answers at once, with a current of zero, and nobody else would notice."""
+    at_ns = 50 * MS + at_us * 1000
+    machine = Clockwork(load(), reset={name: at_ns})
+    machine.run(60.0)
+    assert at_ns < plant(machine)["braked_ns"] <= at_ns + 3 * T_NS
+    assert machine.drive(name).node.report()["fault"] in ("node not ready", "stopped")
+    stops = [data for _, identifier, data, _ in machine.sent_ns if identifier == STOP]
+    assert stops[0] == bytes([STOP_JOINT_FAULT])
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -13,20 +13,21 @@ from typing import Any
 
 import pytest
 
+from hil import scenario_file
 from hil.can_node import Place
+from hil.can_port import CanPort
 from hil.errors import NodeError
-from hil.latency import distribution
 from hil.rig import Outcome
 from hil.scenario import Scenario
 from hil.summary import faults
 from hil.sync_rig import run_on_bus
 from hil.wall_summary import real_time
 from hil.wire.bits import INTERMISSION_BITS, frame_bits
-from tests.lab.inside import kernel, rig
+from tests.hil.frames import standard
+from tests.lab.inside import kernel, rig, warm
 from tests.lab.inside.conftest import Join, needs
 from tests.lab.inside.test_rig import AT_THE_OTHER, Got
 from tests.lab.inside.test_trouble import Once
-from tests.hil.frames import standard
 
 DILATION = 200
 """Seconds of the lab for one of the robot: a period lasts 200 ms, of which a cycle's work takes some 30."""
@@ -38,8 +39,6 @@ BITRATE = 1_000_000
 
 def dilated(duration_s: float = DURATION_S, *more: str) -> Scenario:
     """Return paper-joint by the clock, cut."""
-    from hil import scenario_file
-
     return scenario_file.load(
         "paper-joint", [*rig.settings(duration_s), "clock.kind=wall", f"clock.pace={1 / DILATION}", *more]
     )
@@ -131,9 +130,8 @@ def test_dilated_run_on_vcan0(vcan: str, join: Join, tmp_path: Path, got: Got, r
     got(f"canbusload -e: {frames} frames, {bits} bits; ours: {len(heard)} frames, {ours} bits with intermission")
     assert (frames, bits) == (len(heard), ours)
     run_bits = sum(frame_bits(i, data) + INTERMISSION_BITS for _, i, data, _ in outcome.log.frames)
-    got(
-        f"in the run {run_bits / outcome.wall_s:.0f} bits per wall second, {run_bits / outcome.wall_s / BITRATE:.2%} of the bus"
-    )
+    a_second = run_bits / outcome.wall_s
+    got(f"in the run {a_second:.0f} bits per wall second, {a_second / BITRATE:.2%} of the bus")
     report("wall", real_time(outcome))
 
 
@@ -152,8 +150,6 @@ def test_dilated_run_at_two_cards(cards: tuple[str, str], got: Got) -> None:
 @pytest.mark.row("wall")
 def test_stamps_of_the_controller_are_read_where_there_are_any(vcan: str, join: Join, got: Got) -> None:
     """vcan0 has none: the kernel's own are taken, frame by frame, and that is counted."""
-    from hil.can_port import CanPort
-
     port = CanPort("socketcan", vcan, {0x121})
     port.stamp(by_controller=True)
     before_ns = time.monotonic_ns()
@@ -178,9 +174,8 @@ def braked(outcome: Outcome, voice: int, got: Got, what: str) -> None:
     assert due_ns < plant["braked_ns"] <= due_ns + 3 * T_NS + T_NS // 2
     (end,) = faults(outcome)
     late = (plant["braked_ns"] - due_ns) / T_NS
-    got(
-        f"{what}: {plant['fault']}, {late:.2f} periods behind the first that was due; said: {end['node']}: {end['cause']}"
-    )
+    said = f"{end['node']}: {end['cause']}"
+    got(f"{what}: {plant['fault']}, {late:.2f} periods behind the first that was due; said: {said}")
 
 
 @pytest.fixture
@@ -215,12 +210,9 @@ def test_cut_link_brakes(cards: tuple[str, str], got: Got) -> None:
 
 
 @pytest.mark.row("wall-trouble")
-def test_killed_node_brakes_and_one_that_comes_back_changes_nothing(
-    vcan: str, nodes: dict[str, Any], tmp_path: Path, got: Got
-) -> None:
+@pytest.mark.usefixtures("nodes")
+def test_killed_node_brakes_and_one_that_comes_back_changes_nothing(vcan: str, tmp_path: Path, got: Got) -> None:
     """Joint 2 is somebody else's, so that its end is no error of the rig's own."""
-    from tests.lab.inside import warm
-
     words = ("node", "joint", "2", "-i", "socketcan", "-c", vcan)
     settings = [
         f"--set={each}" for each in (*rig.settings(DURATION_S), "clock.kind=wall", f"clock.pace={1 / DILATION}")
@@ -246,11 +238,7 @@ def test_killed_node_brakes_and_one_that_comes_back_changes_nothing(
 def test_a_killed_node_of_the_rig_s_own_is_named(vcan: str, nodes: dict[str, Any], got: Got) -> None:
     kill = Once(lambda: os.kill(nodes["dsp"].pid, signal.SIGKILL))
     with pytest.raises(
-        NodeError, match="dsp was killed by SIGKILL in the middle of the run; .* with Stop from"
+        NodeError, match=r"dsp was killed by SIGKILL in the middle of the run; .* with Stop from"
     ) as caught:
         run_on_bus(dilated(), Place("socketcan", vcan, {}), progress=kill)
     got(f"DSP killed: {caught.value}")
-
-
-def test_distribution_of_the_report_is_readable() -> None:
-    assert distribution([1e-3]) is not None
