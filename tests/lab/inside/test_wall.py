@@ -104,25 +104,14 @@ def busload(channel: str, folder: Path) -> Iterator[Callable[[], tuple[int, int]
 
 @pytest.mark.row("wall")
 @pytest.mark.usefixtures("nodes")
-def test_dilated_run_on_vcan0(vcan: str, join: Join, tmp_path: Path, got: Got, report: Callable[..., None]) -> None:
+def test_dilated_run_on_vcan0(vcan: str, tmp_path: Path, got: Got, report: Callable[..., None]) -> None:
     """canbusload hears set-up and run, as does a socket of ours; each of its seconds has the bits of its frames."""
-    heard: list[tuple[int, bytes]] = []
-    ear = join(vcan)
-    stop = threading.Event()
-
-    def listen() -> None:
-        while not stop.is_set():
-            message = ear.recv(0.2)
-            if message is not None:
-                heard.append((message.arbitration_id, bytes(message.data)))
-
-    listener = threading.Thread(target=listen)
-    listener.start()
+    ear = CanPort("socketcan", vcan, None)  # its buffer holds all frames of the run
     with busload(vcan, tmp_path) as counted:
         outcome = run_on_bus(dilated(), Place("socketcan", vcan, {}))
         frames, bits = counted()
-    stop.set()
-    listener.join()
+    heard = list(iter(lambda: ear.receive(0.0), None))
+    ear.close()
     got(compared(outcome))
     for line in latencies(outcome):
         got(line)
