@@ -9,7 +9,16 @@ Ref: S. Komada, M. Ishida, T. Hori, Control of Robots Using Disturbance Observer
 INIT, READY, RUN, FAULT = 0, 1, 2, 3
 STATES = ("init", "ready", "run", "fault")
 NO_FAULT, ENCODER_LOST, REFERENCE_LOST, PARAMETERS, STOPPED, NOT_READY = 0, 1, 2, 3, 4, 7
-FAULTS = ("none", "encoder lost", "reference lost", "parameters", "stopped", "", "", "node not ready")
+FAULTS = (
+    "none",
+    "encoder lost",
+    "reference lost",
+    "parameters",
+    "stopped",
+    "singular reference",
+    "out of reach",
+    "node not ready",
+)
 STOP_END, STOP_JOINT_FAULT = 0, 2
 MISSES_TO_FAULT = 3
 

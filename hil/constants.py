@@ -20,6 +20,18 @@ CURES = {
     "KJ": "change joint.inertia_kg_m2 or joint.torque_constant_N_m_A",
     "current limit": "change joint.limit_A",
 }
+STOP_REASONS = {
+    0: "end",
+    1: "operator",
+    2: "joint fault",
+    3: "joint not ready",
+    4: "singular reference",
+    5: "out of reach",
+    6: "encoder lost",
+    7: "saturated reference",
+    8: "current lost",
+}
+"""Of Stop, as in arm.dbc."""
 LARGEST_SHIFT = 15
 STATUS_MARGIN_BITS = 25
 """State and Heartbeat are queued this many bit times before they would end exactly with the cycle."""

@@ -8,22 +8,12 @@ from typing import Any
 import numpy as np
 
 from firmware_py.joint_cpu import STOP_JOINT_FAULT
+from hil.constants import STOP_REASONS
 from hil.evaluate import Array, Evaluation
 from hil.rig import Outcome
 from hil.wall_summary import real_time
 from plant.node import STOP_CURRENT_LOST
 
-STOP_REASONS = {
-    0: "end",
-    1: "operator",
-    2: "joint fault",
-    3: "joint not ready",
-    4: "singular reference",
-    5: "out of reach",
-    6: "encoder lost",
-    7: "saturated reference",
-    8: "current lost",
-}
 STOP_IDENTIFIER = 0x010
 STOP_OPERATOR = 1
 NO_FAULT = ("", "stopped")
@@ -148,7 +138,8 @@ def faults(outcome: Outcome) -> list[dict[str, Any]]:
     if data[0] != 0:
         reason = STOP_REASONS.get(data[0], f"reason {data[0]}")
         node = _speaker(outcome, data[0]) if outcome.mode in ("sync", "wall") else sender
-        return [_fault(end_ns * 1e-9, node, reason, _cause(outcome, node))]
+        cause = "a Stop by hand" if data[0] == STOP_OPERATOR else _cause(outcome, node)
+        return [_fault(end_ns * 1e-9, node, reason, cause)]
     if sender != "dsp" or end_ns < outcome.scenario.duration_ns:
         return [_fault(end_ns * 1e-9, sender, "Stop before the end", "a Stop that the DSP did not send at the end")]
     return []
@@ -158,7 +149,7 @@ def _speaker(outcome: Outcome, reason: int) -> str:
     """Return who said Stop on a bus that does not tell: by its reason, and for a joint by who is in fault."""
     if reason == STOP_JOINT_FAULT:
         return _troubled(outcome, "joint") or "a joint"
-    return {STOP_OPERATOR: "operator", STOP_CURRENT_LOST: "plant"}.get(reason, "dsp")
+    return {STOP_OPERATOR: "somebody", STOP_CURRENT_LOST: "plant"}.get(reason, "dsp")
 
 
 def _troubled(outcome: Outcome, part: str = "") -> str | None:

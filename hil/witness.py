@@ -4,7 +4,7 @@ import time
 from typing import Any
 
 from dbc.codec import Codec
-from hil.constants import cycle_frames
+from hil.constants import STOP_REASONS, cycle_frames
 from hil.frame_log import FrameLog
 from hil.scenario import Scenario
 
@@ -108,9 +108,11 @@ class Witness:
         """Say how the run ended that was heard."""
         if not self.log.frames:
             return "the run had not begun"
-        end_ns, identifier, data, sender = self.log.frames[-1]
-        stopped = f", with Stop from {sender}, reason {data[0]}" if identifier == self._stop.identifier and data else ""
-        return f"the last frame was heard at {end_ns * 1e-9:.3f} s{stopped}"
+        end_ns, identifier, data, _ = self.log.frames[-1]
+        stop = ""
+        if identifier == self._stop.identifier and data:
+            stop = f", Stop with reason {data[0]}, {STOP_REASONS.get(data[0], 'unknown')}"
+        return f"the last frame was heard at {end_ns * 1e-9:.3f} s{stop}"
 
     def missing(self) -> str:
         """Return who is to speak next: the sender of the first frame of this cycle that has not come, else the DSP."""

@@ -294,6 +294,23 @@ def test_nodes_by_hand_say_when_the_run_did_not_come_to_its_end(hil: Any) -> Non
     assert (bus.returncode, err) == (143, "hil: SIGTERM: everything was ended\n")
 
 
+def test_a_node_that_is_killed_on_a_bus_that_goes_on_brakes_the_arm(hil: Any) -> None:
+    """Within three periods (tests/hil/test_link_loss.py), and one that comes again is refused."""
+    bus = hil.start("bus", "arm", "--expect", "plant,dsp,joint1,joint2,joint3", "--go-on")
+    bus.stdout.readline()
+    words = {"plant": ["plant"], "dsp": ["dsp"], **{f"joint{n}": ["joint", str(n)] for n in (1, 2, 3)}}
+    nodes = {name: hil.start("node", *each, "--set", "duration_s=60") for name, each in words.items()}
+    wait_for(lambda: "time begins" in bus.stdout.readline())
+    joined = cpu_ticks(nodes["joint2"].pid)
+    wait_for(lambda: cpu_ticks(nodes["joint2"].pid) > joined + 20)  # 0.2 s of work: the set-up takes less
+    nodes["joint2"].kill()
+    _, err = nodes["plant"].communicate(timeout=LIMIT_S)
+    assert err == "hil: plant: no Current of joint2 for 3 periods: brakes engaged\n"
+    for name in ("dsp", "joint1", "joint3"):
+        nodes[name].communicate(timeout=LIMIT_S)
+        assert nodes[name].returncode is not None
+
+
 def test_a_node_refuses_a_bus_whose_time_has_begun(hil: Any) -> None:
     bus = hil.start("bus", "arm")
     bus.stdout.readline()

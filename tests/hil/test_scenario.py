@@ -10,11 +10,10 @@ from dbc.compiler import load_arm
 from firmware_py.joint_cpu import FAULTS, STATES
 from hil import scenario_file
 from hil.assemble import build_nodes, payloads
-from hil.constants import action_delays_ns, parameter_table, rad_per_count, tail_ns, worst_case_ends_ns
+from hil.constants import STOP_REASONS, action_delays_ns, parameter_table, rad_per_count, tail_ns, worst_case_ends_ns
 from hil.errors import ScenarioError
 from hil.record import to_toml
 from hil.scenario import Scenario
-from hil.summary import STOP_REASONS
 from plant.nominal import nominal_inertia
 from plant.parameters import DEFAULT_ARM
 

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 from collections import defaultdict
+from pathlib import Path
 from typing import Any
 
 import can
@@ -73,7 +74,7 @@ def test_a_killed_node_brakes_the_arm_and_is_named(hil: Any, name: str, says: st
     _, err = rig.communicate(timeout=LIMIT_S)
     assert rig.returncode == 5
     assert says in err
-    assert "with Stop from" in err
+    assert "Stop with reason" in err
     assert with_stop.receive(1.0) in [(0x010, b"\x08"), (0x010, b"\x02")]
     with_stop.close()
 
@@ -92,6 +93,22 @@ def test_a_dsp_that_sleeps_finds_the_arm_braked_and_the_run_over(hil: Any) -> No
     assert rig.returncode == 6
     assert "no Sync for 3 periods: brakes engaged" in err or "encoder lost" in err
     assert json.loads(out)["faults"]
+
+
+@pytest.mark.usefixtures("street")
+def test_nodes_of_a_rig_that_was_killed_end(hil: Any, children_of: Any) -> None:
+    rig = hil.start(*command("--set", "duration_s=60"))
+    in_run("dsp", rig.pid)
+    children = children_of(rig.pid)
+    rig.kill()
+    wait_for(lambda: not any(alive(pid) for pid in children))
+
+
+def alive(pid: int) -> bool:
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
 
 
 def in_run(name: str, rig: int) -> None:

@@ -12,8 +12,8 @@ from tests.lab.inside import warm
 
 LIMIT_S = 300.0
 SHORT = [
-    *("--set", "duration_s=0.1", "--set", "clock.setup_cycles=60"),
-    *("--set", "trajectory.time_s=0.05", "--set", "trajectory.by_rad=[0.002, -0.002, 0.002]"),
+    *("--set", "duration_s=0.05", "--set", "clock.setup_cycles=60"),
+    *("--set", "trajectory.time_s=0.025", "--set", "trajectory.by_rad=[0.002, -0.002, 0.002]"),
 ]
 
 

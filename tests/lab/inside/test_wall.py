@@ -227,7 +227,7 @@ def test_killed_node_brakes_and_one_that_comes_back_changes_nothing(vcan: str, t
 def test_a_killed_node_of_the_rig_s_own_is_named(vcan: str, nodes: dict[str, Any], got: Got) -> None:
     kill = Once(lambda: os.kill(nodes["dsp"].pid, signal.SIGKILL))
     with pytest.raises(
-        NodeError, match=r"dsp was killed by SIGKILL in the middle of the run; .* with Stop from"
+        NodeError, match=r"dsp was killed by SIGKILL in the middle of the run; .* Stop with reason 8, current lost"
     ) as caught:
         run_on_bus(dilated(), Place("socketcan", vcan, {}), progress=kill)
     got(f"DSP killed: {caught.value}")
