@@ -6,6 +6,7 @@ gaps, no offset. This is the only module that imports cantools, which takes some
 
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import NamedTuple
 
 from cantools.database import load_file
 from cantools.database.can import Database, Message, Signal
@@ -37,6 +38,33 @@ def compile_dbc(path: str | Path) -> Codec:
     assert isinstance(database, Database)
     _refuse_duplicates(database.messages)
     return Codec([_compile_message(message) for message in database.messages], _version(database.version or ""))
+
+
+class Description(NamedTuple):
+    """What a database says of a message beside its layout. cycle_ms: 0 where it comes by event."""
+
+    name: str
+    identifier: int
+    length: int
+    senders: frozenset[str]
+    receivers: frozenset[str]
+    cycle_ms: int
+
+
+def describe_arm(joints: int) -> list[Description]:
+    """Return every message of an arm of so many joints, by identifier; nodes are named as in arm.dbc, in capitals."""
+    with as_file(files("dbc") / "arm.dbc") as path:
+        database = load_file(path, database_format="dbc")
+    assert isinstance(database, Database)
+    found = []
+    for message in sorted(database.messages, key=lambda each: each.frame_id):
+        if not _is_of(message, joints):
+            continue
+        senders, receivers = frozenset(message.senders), frozenset(message.receivers)
+        found.append(
+            Description(message.name, message.frame_id, message.length, senders, receivers, message.cycle_time or 0)
+        )
+    return found
 
 
 def arm_dbc(joints: int, rad_per_count: float) -> str:

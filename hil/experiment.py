@@ -63,3 +63,7 @@ def write(result: Result, path: Path) -> None:
             from hil.figures import write_figures
 
             write_figures(folder, *result.observer_on_off)
+        if "real_time" in result.summary:
+            from hil.wall_figure import write_latency
+
+            write_latency(folder, result.summary)

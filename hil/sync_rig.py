@@ -20,8 +20,8 @@ from hil.before_run import check_place, check_silence
 from hil.bus_errors import as_wire
 from hil.can_node import Place
 from hil.can_port import CanPort
-from hil.constants import reference_of
 from hil.errors import NodeError, OutputError
+from hil.expectation import expectation
 from hil.processes import START_S, Processes
 from hil.rig import Outcome, Progress, no_progress
 from hil.scenario import Scenario
@@ -70,7 +70,7 @@ def run_on_bus(
             witness = WallWitness(scenario, codec) if by_wall else Witness(scenario, codec)
             try:
                 for name in external:
-                    notice(expectation(codec, name))
+                    notice(expectation(scenario, name))
                 if external and "dsp" not in external:  # a DSP that repeats its first Sync would take it for the end
                     _stop_what_was_left(port, codec, notice)
                 on_wait = _patient(witness, notice, patience_s)
@@ -208,14 +208,3 @@ def _outcome(scenario: Scenario, witness: Witness, nodes: Processes, port: CanPo
         deterministic=kind == "sync",
         clock=clock,
     )
-
-
-def expectation(codec: Codec, name: str) -> str:
-    """Return what the rig expects of a node that somebody else plays: what it hears, and what it sends."""
-    if not name.startswith("joint"):
-        return f"{name} is external: waiting for it; what it hears and sends stands in arm.dbc"
-    number = int(name.removeprefix("joint"))
-    hears = ("Stop", f"Encoder_{number}", reference_of(number)[0], f"Parameter_{number}")
-    sends = (f"Current_{number}", f"Acknowledge_{number}", f"State_{number}", f"Heartbeat_{number}")
-    heard, sent = (", ".join(f"{each} {codec[each].identifier:#x}" for each in frames) for frames in (hears, sends))
-    return f"{name} is external: it hears {heard}; it answers Encoder_{number} with Current_{number}, and sends {sent}"

@@ -30,8 +30,9 @@ class WallWitness(Witness):
         self.skipped = 0
         self.since_sync_s: dict[str, array[float]] = {}
         self.intervals_s = array("d")
-        self.patience_s = PATIENCE * scenario.clock.period_s / scenario.clock.pace
         self._pace = scenario.clock.pace
+        self._wall_period_s = scenario.clock.period_s / scenario.clock.pace
+        self.patience_s = PATIENCE * self._wall_period_s
         self._sync_came_ns = 0
 
     def _instant(self, name: str, came_ns: int) -> int:
@@ -53,6 +54,7 @@ class WallWitness(Witness):
         """Return what was measured of the run's time."""
         return {
             "pace": self._pace,
+            "period_s": self._wall_period_s,
             "skipped_cycles": self.skipped,
             "missing_frames": dict(self.missing_frames),
             "sync_interval": distribution(self.intervals_s),

@@ -90,7 +90,9 @@ def test_external_joint_is_announced_waited_for_and_changes_nothing(hil: Any) ->
     assert rig.returncode == 0, err
     assert board.returncode == 0, board.stderr
     text = " ".join(said.split())
-    assert "joint2 is external: it hears Stop 0x10, Encoder_2 0x102, AccelRef 0x130, Parameter_2 0x302" in text
+    assert "joint2 is external: waiting for it; it answers Encoder_2; one period is 1 ms" in text
+    assert "Encoder_2 0x102 (4 B, every 1 ms), AccelRef 0x130 (8 B, every 1 ms), Parameter_2 0x302 (5 B)" in text
+    assert "sends Stop 0x010 (1 B), Current_2 0x122 (6 B, every 1 ms), Acknowledge_2 0x312 (7 B)" in text
     assert json.loads(out)["max_deviation_rad"] == summary_of(functional(*SHORT))["max_deviation_rad"]
 
 

@@ -44,6 +44,9 @@ def test_on_time_the_payloads_are_those_of_functional(hil: Any, tmp_path: Any) -
     assert found == payloads((identifier, data) for _, identifier, data, _ in expected.log.frames)
     assert summary["faults"] == [], err
     check_figures(summary["real_time"])
+    drawn = (tmp_path / "run" / "latency.svg").read_text()
+    assert all(f"{name}, behind Sync" in drawn for name in ("Encoder_1", "Current_2", "AccelRef"))
+    assert (tmp_path / "run" / "latency.png").stat().st_size > 10_000
 
 
 def payloads(frames: Any) -> dict[int, list[bytes]]:
