@@ -41,30 +41,45 @@ def compile_dbc(path: str | Path) -> Codec:
 
 
 class Description(NamedTuple):
-    """What a database says of a message beside its layout. cycle_ms: 0 where it comes by event."""
+    """What a database says of a message beside its layout. cycle_ms: 0 where it comes by event, or nothing is said."""
 
     name: str
     identifier: int
+    extended: bool
+    fd: bool
     length: int
     senders: frozenset[str]
     receivers: frozenset[str]
     cycle_ms: int
 
 
+def describe(path: str | Path) -> list[Description]:
+    """Return every message of a DBC file, by identifier; raise CodecError for what is no DBC."""
+    try:
+        database = load_file(path, database_format="dbc", strict=False)
+    except (UnsupportedDatabaseFormatError, UnicodeDecodeError) as error:
+        raise CodecError(f"{path} is no readable database: {error}") from error
+    assert isinstance(database, Database)
+    return [_describe(message) for message in sorted(database.messages, key=lambda each: each.frame_id)]
+
+
 def describe_arm(joints: int) -> list[Description]:
     """Return every message of an arm of so many joints, by identifier; nodes are named as in arm.dbc, in capitals."""
     with as_file(files("dbc") / "arm.dbc") as path:
-        database = load_file(path, database_format="dbc")
-    assert isinstance(database, Database)
-    found = []
-    for message in sorted(database.messages, key=lambda each: each.frame_id):
-        if not _is_of(message, joints):
-            continue
-        senders, receivers = frozenset(message.senders), frozenset(message.receivers)
-        found.append(
-            Description(message.name, message.frame_id, message.length, senders, receivers, message.cycle_time or 0)
-        )
-    return found
+        return [each for each in describe(path) if _is_of(each.name, joints)]
+
+
+def _describe(message: Message) -> Description:
+    return Description(
+        message.name,
+        message.frame_id,
+        message.is_extended_frame,
+        message.is_fd,
+        message.length,
+        frozenset(message.senders),
+        frozenset(message.receivers),
+        message.cycle_time or 0,
+    )
 
 
 def arm_dbc(joints: int, rad_per_count: float) -> str:
@@ -74,7 +89,7 @@ def arm_dbc(joints: int, rad_per_count: float) -> str:
     assert isinstance(database, Database)
     absent = {f"JOINT{n}" for n in range(joints + 1, JOINTS + 1)}
     database.nodes[:] = [node for node in database.nodes if node.name not in absent]
-    database.messages[:] = [message for message in database.messages if _is_of(message, joints)]
+    database.messages[:] = [message for message in database.messages if _is_of(message.name, joints)]
     for message in database.messages:
         message.senders[:] = [sender for sender in message.senders if sender not in absent]
         for signal in message.signals:
@@ -86,10 +101,10 @@ def arm_dbc(joints: int, rad_per_count: float) -> str:
     return database.as_dbc_string()
 
 
-def _is_of(message: Message, joints: int) -> bool:
+def _is_of(name: str, joints: int) -> bool:
     """Return whether an arm of so many joints has this message: by the number at the end of its name, if it has one."""
-    number = message.name.rpartition("_")[2]
-    if message.name == "AccelRef_2":
+    number = name.rpartition("_")[2]
+    if name == "AccelRef_2":
         return joints > JOINTS // 2
     return not number.isdigit() or not joints < int(number) <= JOINTS
 
