@@ -1,4 +1,5 @@
-"""The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`, `hil doctor`.
+"""The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`, `hil doctor`,
+`hil timing`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
@@ -21,6 +22,7 @@ from hil.doctor.command import doctor
 from hil.errors import FaultError, OutputError
 from hil.options import BusKwargs, Interface, bus_options
 from hil.reported import reported
+from hil.timing.command import timing
 
 if TYPE_CHECKING:
     from hil.rig import Outcome
@@ -297,6 +299,7 @@ def node(
 
 
 app.command()(doctor)
+app.command()(timing)
 
 
 def _say(text: str) -> None:

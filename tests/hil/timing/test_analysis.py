@@ -1,0 +1,69 @@
+"""`hil timing --dbc`: any database, analysed alone."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+DBC = """VERSION ""
+BU_: A B
+BO_ 256 Fast: 8 A
+ SG_ X : 0|8@1+ (1,0) [0|255] "" B
+BO_ 512 Slow: 2 B
+ SG_ Y : 0|8@1+ (1,0) [0|255] "" A
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 256 1;
+"""
+
+
+@pytest.fixture
+def dbc(tmp_path: Path) -> str:
+    path = tmp_path / "two.dbc"
+    path.write_text(DBC)
+    return str(path)
+
+
+def test_figures_of_two_messages_are_those_by_hand(hil: Any, dbc: str) -> None:
+    """135 bits of 8 bytes, 75 of 2, 4 us each: Fast waits for Slow; Slow for one Fast, for its period is 1 ms."""
+    run = hil.run("timing", "--dbc", dbc, "--bitrate", "250000", "--period", "Slow=10", "--json")
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    fast, slow = found["messages"]
+    assert found["utilisation"] == pytest.approx(0.540 / 1 + 0.300 / 10)
+    assert (fast["bits_worst"], slow["bits_worst"]) == (135, 75)
+    assert (fast["response_bound_s"], slow["response_bound_s"]) == (0.84e-3, 0.84e-3)
+    assert (fast["deadline_s"], fast["meets_deadline"], fast["response_max_s"]) == (1e-3, True, None)
+    assert found["lowest_bitrate"] == 210_040  # 210 bits within 1 ms, of whole ns each: 4761 ns
+
+
+def test_a_lower_rate_than_the_lowest_misses_and_the_lowest_does_not(hil: Any, dbc: str) -> None:
+    slow = hil.run("timing", "--dbc", dbc, "--bitrate", "200000", "--period", "10")
+    assert slow.returncode == 6
+    assert slow.stderr == "hil: Fast: may miss the deadline; utilisation 71.2%\n"
+    assert hil.run("timing", "--dbc", dbc, "--bitrate", "250000", "--period", "10").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        ((), 3, "has no GenMsgCycleTime for Slow: say how often each comes at most, for example --period Slow=10"),
+        (("--period", "Sluw=10"), 3, "--period Sluw: no such message in"),
+        (("--period", "Slow=0"), 2, "write NAME=MS or MS, from 0.001 to 1000000"),
+        (("--period", "10", "--bitrate", "333333"), 2, "a bit lasts no whole number of ns"),
+        (("--period", "10", "--bitrate", "100000"), 6, "Fast, Slow: may miss the deadline; utilisation 142.5%"),
+    ],
+)
+def test_what_cannot_be_is_said(hil: Any, dbc: str, words: tuple[str, ...], code: int, says: str) -> None:
+    run = hil.run("timing", "--dbc", dbc, *words)
+    assert run.returncode == code
+    assert says in " ".join(run.stderr.replace("│", " ").split())
+
+
+def test_no_database_is_said(hil: Any, tmp_path: Path) -> None:
+    (tmp_path / "none.dbc").write_text("nonsense")
+    for name in ("none.dbc", "missing.dbc"):
+        run = hil.run("timing", "--dbc", name)
+        assert (run.returncode, run.stderr.count("\n")) == (3, 1)
+        assert "name a DBC file" in run.stderr
