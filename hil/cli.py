@@ -100,9 +100,9 @@ def run(
 ) -> None:
     """Run an experiment: every node a process, over CAN in virtual time, or on any CAN interface (clock sync, wall)."""
     from hil import scenario_file, show
+    from hil.bus_rig import run_on_bus
     from hil.processes import run_processes
     from hil.rig import run_inline
-    from hil.sync_rig import run_on_bus
     from hil.warn import warnings
 
     if clock is not None:
@@ -279,9 +279,9 @@ def node(
     from hil import scenario_file, show
     from hil.assemble import check_node_name
     from hil.before_run import check_place
+    from hil.bus_rig import for_bus
     from hil.can_node import play
     from hil.node_process import run_node
-    from hil.sync_rig import for_bus
 
     if (role == "joint") != (number is not None):
         raise typer.BadParameter("write plant, dsp, or joint N")

@@ -19,11 +19,11 @@ import can
 import pytest
 
 from hil import scenario_file
+from hil.bus_rig import run_on_bus
 from hil.can_node import Place
 from hil.can_port import CanPort, _refusal
 from hil.errors import ChannelError, NodeError, ScenarioError
 from hil.rig import run_inline
-from hil.sync_rig import run_on_bus
 from hil.wire import channel as channels
 
 SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")

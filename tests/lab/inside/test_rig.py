@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
+from hil.bus_rig import run_on_bus
 from hil.can_node import Place
 from hil.rig import Outcome
-from hil.sync_rig import run_on_bus
 from tests.lab.inside import candump, kernel, rig
 
 PATIENCE_S = 60.0

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from hil.bus_rig import run_on_bus
 from hil.can_node import Place
 from hil.can_port import CanPort
 from hil.errors import NodeError
-from hil.sync_rig import run_on_bus
 from tests.lab.inside import kernel, rig
 from tests.lab.inside.test_rig import PATIENCE_S, Got
 

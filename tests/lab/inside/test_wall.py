@@ -14,13 +14,13 @@ from typing import Any
 import pytest
 
 from hil import scenario_file
+from hil.bus_rig import run_on_bus
 from hil.can_node import Place
 from hil.can_port import CanPort
 from hil.errors import NodeError
 from hil.rig import Outcome
 from hil.scenario import Scenario
 from hil.summary import faults
-from hil.sync_rig import run_on_bus
 from hil.wall_summary import real_time
 from hil.wire.bits import INTERMISSION_BITS, frame_bits
 from tests.hil.frames import standard
