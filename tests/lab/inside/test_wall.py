@@ -32,6 +32,8 @@ from tests.lab.inside.test_trouble import Once
 DILATION = 200
 """Seconds of the lab for one of the robot: a period lasts 200 ms, of which a cycle's work takes some 30."""
 DURATION_S = 0.1
+SHORT_S = 0.06
+"""Where something goes wrong in the middle."""
 T_NS = 1_000_000
 SYNC = 0x080
 BITRATE = 1_000_000
@@ -181,7 +183,7 @@ def test_interface_down_and_up_brakes(vcan: str, got: Got) -> None:
         kernel.set_link(vcan, "down")
         threading.Timer(2.0, kernel.set_link, (vcan, "up")).start()
 
-    outcome = run_on_bus(dilated(), Place("socketcan", vcan, {}), progress=Once(down_and_up))
+    outcome = run_on_bus(dilated(SHORT_S), Place("socketcan", vcan, {}), progress=Once(down_and_up))
     braked(outcome, SYNC, got, "interface down, up again after 2 s")
     assert outcome.reports["plant"]["fault"] == "no Sync for 3 periods: brakes engaged"
 
@@ -191,7 +193,9 @@ def test_interface_down_and_up_brakes(vcan: str, got: Got) -> None:
 def test_cut_link_brakes(cards: tuple[str, str], got: Got) -> None:
     cut = Once(lambda: kernel.set_link(cards[1], "down"))
     try:
-        outcome = run_on_bus(dilated(), Place("socketcan", cards[0], {}), elsewhere={"joint1": cards[1]}, progress=cut)
+        outcome = run_on_bus(
+            dilated(SHORT_S), Place("socketcan", cards[0], {}), elsewhere={"joint1": cards[1]}, progress=cut
+        )
     finally:
         kernel.set_link(cards[1], "up")
     braked(outcome, 0x121, got, "link of joint 1 cut")
@@ -203,9 +207,7 @@ def test_cut_link_brakes(cards: tuple[str, str], got: Got) -> None:
 def test_killed_node_brakes_and_one_that_comes_back_changes_nothing(vcan: str, tmp_path: Path, got: Got) -> None:
     """Joint 2 is somebody else's, so that its end is no error of the rig's own."""
     words = ("node", "joint", "2", "-i", "socketcan", "-c", vcan)
-    settings = [
-        f"--set={each}" for each in (*rig.settings(DURATION_S), "clock.kind=wall", f"clock.pace={1 / DILATION}")
-    ]
+    settings = [f"--set={each}" for each in (*rig.settings(SHORT_S), "clock.kind=wall", f"clock.pace={1 / DILATION}")]
     first = warm.hil(tmp_path, *words, *settings)
     again: list[Any] = []
 
@@ -215,7 +217,7 @@ def test_killed_node_brakes_and_one_that_comes_back_changes_nothing(vcan: str, t
         again.append(warm.hil(tmp_path / "again", *words, *settings))
 
     outcome = run_on_bus(
-        dilated(), Place("socketcan", vcan, {}), ["joint2"], progress=Once(kill_and_restart), notice=print
+        dilated(SHORT_S), Place("socketcan", vcan, {}), ["joint2"], progress=Once(kill_and_restart), notice=print
     )
     braked(outcome, 0x122, got, "joint 2 killed and restarted")
     assert outcome.reports["plant"]["fault"] == "no Current of joint2 for 3 periods: brakes engaged"
@@ -229,5 +231,5 @@ def test_a_killed_node_of_the_rig_s_own_is_named(vcan: str, nodes: dict[str, Any
     with pytest.raises(
         NodeError, match=r"dsp was killed by SIGKILL in the middle of the run; .* Stop with reason 8, current lost"
     ) as caught:
-        run_on_bus(dilated(), Place("socketcan", vcan, {}), progress=kill)
+        run_on_bus(dilated(SHORT_S), Place("socketcan", vcan, {}), progress=kill)
     got(f"DSP killed: {caught.value}")
