@@ -75,7 +75,7 @@ def run_on_bus(
                     _stop_what_was_left(port, codec, notice)
                 on_wait = _patient(witness, notice, patience_s)
                 _start(nodes, own, on_wait, notice)
-                _watch(witness, TwoSenders(codec), port, nodes, progress, on_wait)
+                _watch(witness, TwoSenders(codec, in_order=not by_wall), port, nodes, progress, on_wait)
                 return _outcome(scenario, witness, nodes, port, began)
             finally:
                 if not witness.stopped:
@@ -159,15 +159,15 @@ def _watch(
     while not witness.stopped:
         heard = _receive(witness, port)
         now = time.monotonic()
-        if heard is not None and not witness.in_real_time:
+        if heard is not None:
             senders.hear(*heard, witness.cycle)
         if heard is not None and witness.hear(*heard, port.came_ns):
             moved = now
             if witness.begins_cycle(heard[0]):
                 progress(witness.done)
-        elif heard is None and now - moved > witness.patience_s:
+        elif now - moved > witness.patience_s:
             ended = [name for name, process in nodes.processes.items() if process.poll() is not None]
-            if witness.in_real_time and len(ended) == len(nodes.processes):
+            if witness.in_real_time and nodes.processes and len(ended) == len(nodes.processes):
                 return
             nodes.check(name for name in ended if not witness.in_real_time or nodes.processes[name].returncode)
             on_wait(witness.missing(), now - moved)

@@ -32,6 +32,10 @@ app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_
 ScenarioName = Annotated[str, typer.Argument(help="A built-in scenario's name, or a .toml file.")]
 Settings = Annotated[list[str], typer.Option("--set", metavar="PATH=VALUE", help="Set one value of the scenario.")]
 ChannelName = Annotated[str, typer.Option("--channel", "-c", help="Name of the bus.")]
+ClockKind = Annotated[
+    Literal["virtual", "sync", "wall"] | None,
+    typer.Option("--clock", help="Who advances time; default: virtual on the interface hil, sync on all others."),
+]
 
 
 def _age_s() -> float:
@@ -87,10 +91,7 @@ def run(
     ] = None,
     interface: Interface = "hil",
     bus_kwargs: BusKwargs = "{}",
-    clock: Annotated[
-        Literal["virtual", "sync", "wall"] | None,
-        typer.Option(help="Who advances time; default: virtual on the interface hil, sync on all others."),
-    ] = None,
+    clock: ClockKind = None,
     external: Annotated[
         list[str], typer.Option("--external", metavar="NODE", help="Somebody else plays this node (repeatable).")
     ] = [],  # noqa: B006 (as above)
@@ -105,9 +106,7 @@ def run(
     from hil.rig import run_inline
     from hil.warn import warnings
 
-    if clock is not None:
-        settings = [*settings, f"clock.kind={clock}"]
-    chosen = scenario_file.load(scenario, settings)
+    chosen = scenario_file.load(scenario, _with_clock(settings, clock))
     place = _place(interface, channel, bus_kwargs, chosen.clock.kind)
     if pace is not None and place is not None:
         chosen = _dilated(chosen, pace)
@@ -129,6 +128,10 @@ def run(
                 chosen, channel or f"run-{os.getpid()}", step, notice, patience or 20.0, pace or inf
             )
     _conclude(outcome, age_s, as_json, out)
+
+
+def _with_clock(settings: list[str], clock: str | None) -> list[str]:
+    return settings if clock is None else [*settings, f"clock.kind={clock}"]
 
 
 def _dilated(scenario: Any, pace: float) -> Any:
@@ -274,6 +277,8 @@ def node(
     channel: ChannelName = "arm",
     scenario: Annotated[str, typer.Option("--scenario", help="Built-in scenario or .toml file.")] = "paper-joint",
     settings: Settings = [],  # noqa: B006 (as above)
+    clock: ClockKind = None,
+    pace: Annotated[float | None, typer.Option(min=1e-6, max=1.0, help="Of the clock wall, as the rig's.")] = None,
 ) -> None:
     """Play one participant, in its own terminal, until the run ends."""
     from hil import scenario_file, show
@@ -286,13 +291,17 @@ def node(
     if (role == "joint") != (number is not None):
         raise typer.BadParameter("write plant, dsp, or joint N")
     name = role if number is None else f"{role}{number}"
-    chosen = scenario_file.load(scenario, settings)
+    chosen = scenario_file.load(scenario, _with_clock(settings, clock))
     check_node_name(chosen, name)
-    print(f"{name} of {chosen.name} on channel {channel}", flush=True)
     place = _place(interface, channel, bus_kwargs, chosen.clock.kind)
+    if pace is not None:
+        chosen = _dilated(chosen, pace)
+    print(f"{name} of {chosen.name} on channel {channel}", flush=True)
     if place is not None:
         check_place(place, chosen)
     report = run_node(chosen, name, channel) if place is None else play(for_bus(chosen), name, place)
+    for line in report.get("refused", []):
+        print(f"{name}: {line}")
     print(f"{name}: the run is over; {show.counters(report)}")
     if report["fault"]:
         raise FaultError(f"{name}: {report['fault']}")

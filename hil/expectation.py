@@ -16,9 +16,12 @@ def expectation(scenario: Scenario, name: str) -> str:
     messages = describe_arm(scenario.joints)
     hears = [each for each in messages if node in each.receivers and (each.senders & others)]
     sends = [each for each in messages if node in each.senders or each.name in AT_WILL]
+    clock = scenario.clock
+    by = f"by the clock wall at pace {clock.pace:g}" if clock.kind == "wall" else "by Sync"
+    period_s = clock.period_s / (clock.pace if clock.kind == "wall" else 1.0)
     answers = f"; it answers Encoder_{name.removeprefix('joint')}" if name.startswith("joint") else ""
     return (
-        f"{name} is external: waiting for it{answers}; one period is {scenario.clock.period_s * 1e3:g} ms\n"
+        f"{name} is external: waiting for it{answers}; {by}; one period is {period_s * 1e3:g} ms\n"
         f"  hears {_listed(hears)}\n"
         f"  sends {_listed(sends)}"
     )

@@ -39,7 +39,7 @@ class SystemStamps:
         if now_ns - self._sampled_ns >= SAMPLE_NS:
             self._sample(now_ns)
         came_ns = stamp_ns + self._offset_ns
-        if abs(now_ns - came_ns) > OTHER_CLOCK_NS:
+        if abs(now_ns - came_ns) > STEP_NS:  # it waited for us, or the clock was set since the last sample
             self._sample(now_ns)
             came_ns = stamp_ns + self._offset_ns
         if abs(now_ns - came_ns) > OTHER_CLOCK_NS:

@@ -16,6 +16,8 @@ from plant.node import STOP_CURRENT_LOST
 
 STOP_IDENTIFIER = 0x010
 STOP_OPERATOR = 1
+OF_OTHERS = ("sync", "wall")
+"""Modes on a bus that is not ours: it tells neither who sends a Stop nor how many bits there were."""
 NO_FAULT = ("", "stopped")
 """What a node says that is well, or only heard a Stop."""
 LOST_BY = ("crc_errors", "unsent")
@@ -56,8 +58,8 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         "lost_frames_by_cause": _lost(outcome),
         "bus_errors": _bus_errors(outcome),
         "wire": outcome.wire,
-        "deadline_misses": sum(_counts(outcome, MISSED_BY).values()),
-        "deadline_misses_by_cause": _counts(outcome, MISSED_BY),
+        "deadline_misses": sum(_missed(outcome).values()),
+        "deadline_misses_by_cause": _missed(outcome),
         "saturations": sum(_saturations(outcome).values()),
         "saturations_by_signal": {name: count for name, count in _saturations(outcome).items() if count},
         "faults": faults(outcome),
@@ -137,7 +139,7 @@ def faults(outcome: Outcome) -> list[dict[str, Any]]:
         return [_fault(end_ns * 1e-9, node or "bus", "no Stop", cause)]
     if data[0] != 0:
         reason = STOP_REASONS.get(data[0], f"reason {data[0]}")
-        node = _speaker(outcome, data[0]) if outcome.mode in ("sync", "wall") else sender
+        node = _speaker(outcome, data[0]) if outcome.mode in OF_OTHERS else sender
         cause = "a Stop by hand" if data[0] == STOP_OPERATOR else _cause(outcome, node)
         return [_fault(end_ns * 1e-9, node, reason, cause)]
     if sender != "dsp" or end_ns < outcome.scenario.duration_ns:
@@ -173,7 +175,7 @@ def _largest(values: Array) -> list[float]:
 
 def _bus_load(outcome: Outcome, simulated_s: float) -> float | None:
     """Return the share of time that frames and intermissions take; None where they take none."""
-    if outcome.scenario.bus.fidelity == "functional" or simulated_s == 0.0:
+    if outcome.scenario.bus.fidelity == "functional" or simulated_s == 0.0 or outcome.mode in OF_OTHERS:
         return None
     return outcome.bits_on_wire * outcome.scenario.bit_ns * 1e-9 / simulated_s
 
@@ -186,6 +188,12 @@ def _counts(outcome: Outcome, causes: Iterable[str]) -> dict[str, int]:
             count = report.get(cause, 0)
             found[f"{name} {cause}"] = sum(count.values()) if isinstance(count, dict) else count
     return {name: count for name, count in found.items() if count}
+
+
+def _missed(outcome: Outcome) -> dict[str, int]:
+    """Return what came late or not at all, by cause."""
+    missing = outcome.clock.get("missing_frames", {})
+    return _counts(outcome, MISSED_BY) | {f"{name} not in its cycle": count for name, count in missing.items()}
 
 
 def _saturations(outcome: Outcome) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Another sender of our identifiers during a run by the Sync frame, known by what it sends.
+"""Another sender of our identifiers during a run on a bus, known by what it sends.
 
 Nodes say the same again while somebody is not there, but never two things of one cycle, never something of an earlier
 one, and nothing before its Sync. Only a joint takes its current back, when it hears Stop: then (0, 0) has the cycle of
@@ -16,9 +16,13 @@ controller's FIFO that overran may have lost a Sync or two."""
 
 
 class TwoSenders:
-    """Hears every frame; raises ChannelError for one that a single sender would not send."""
+    """Hears every frame; raises ChannelError for one that a single sender would not send.
 
-    def __init__(self, codec: Codec) -> None:
+    in_order: of a run by Sync, where no cycle is left out, none comes late, and no node begins anew.
+    """
+
+    def __init__(self, codec: Codec, in_order: bool = True) -> None:
+        self._in_order = in_order
         self._codecs = codec.by_identifier
         self._sync = codec["Sync"].identifier
         self._of_cycles = {each.identifier for each in codec.values() if "Cycle" in each.signals}
@@ -50,9 +54,9 @@ class TwoSenders:
         """Return why a single sender would not send this, or nothing."""
         last_byte, last = self._last.get(identifier, (byte, data))
         sync_byte, _ = self._last.get(self._sync, (byte, data))
-        if _ahead(byte, last_byte) < 0:
+        if self._in_order and _ahead(byte, last_byte) < 0:
             return f"behind {_hex(last)} of a later cycle"
-        if identifier != self._sync and _ahead(byte, sync_byte) > EARLY:
+        if self._in_order and identifier != self._sync and _ahead(byte, sync_byte) > EARLY:
             return f"before Sync {byte}"
         return f"and {_hex(last)}, both of one cycle" if byte == last_byte and data != last else ""
 

@@ -14,10 +14,10 @@ from heapq import heappop, heappush
 from typing import Any
 
 from dbc.codec import Codec
-from hil.node import Node, Reaction
+from hil.node import SILENT, Node, Reaction
 from hil.scenario import Scenario
 from hil.sync_drive import DSPDrive, Frame, JointDrive, PlantDrive, SyncDrive
-from plant.node import RUN, Plant
+from plant.node import MISSES_TO_FAULT, RUN, Plant
 
 SILENCE = 3.25
 """Periods after a Sync until the plant takes the link for lost: the third one that is missing is a quarter late."""
@@ -25,6 +25,9 @@ SILENCE = 3.25
 
 class WallDrive(SyncDrive):
     """What the drives share: emulated time laid on the machine's, and frames that are to be sent later."""
+
+    owns_period = False
+    """Whether its deadline goes before what it could hear; to the others silence is what nobody has said."""
 
     def __init__(self, node: Node, scenario: Scenario, codec: Codec) -> None:
         super().__init__(node, scenario, codec)
@@ -69,6 +72,10 @@ class WallDrive(SyncDrive):
     def _wall(self, at_ns: int) -> int:
         """Return when it is that emulated time."""
         return self._laid[1] + round((at_ns - self._laid[0]) * self.stretch)
+
+    def _emulated(self, wall_ns: int) -> int:
+        """Return which emulated time it is then."""
+        return self._laid[0] + round((wall_ns - self._laid[1]) / self.stretch)
 
     def _deadline_ns(self) -> int | None:
         """Return when the node's own timer is due."""
@@ -130,6 +137,7 @@ class WallPlant(WallDrive, PlantDrive):
     def __init__(self, node: Node, scenario: Scenario, codec: Codec) -> None:
         super().__init__(node, scenario, codec)
         self.old_stamps = 0
+        self._cycles = scenario.cycles
         self._sync_came_ns = 0
 
     def hear(self, identifier: int, data: bytes) -> list[Frame]:
@@ -148,21 +156,34 @@ class WallPlant(WallDrive, PlantDrive):
 
     def _advance(self, identifier: int, data: bytes) -> list[Frame]:
         """Carry the arm to the cycle of a Sync, through those that the DSP skipped."""
-        ahead = self._ahead(data) if self.in_run and identifier == self.sync.identifier else 1
-        frames: list[Frame] = []
+        ahead = 1
+        if self.in_run:
+            ahead = self._ahead(data) if identifier == self.sync.identifier else self._to_the_end()
+        reaction = SILENT
         for _ in range(ahead):
             self.cycle += 1
-            self._lay(self.now_ns, self._sync_came_ns)
-            frames = self._frames(self.node.on_timer(self.now_ns))
+            reaction = self.node.on_timer(self.now_ns)
             if self.node.finished:
                 break
-        return frames
+        self._lay(self.now_ns, self._sync_came_ns)
+        return self._frames(reaction)
+
+    def _to_the_end(self) -> int:
+        """Return by how many cycles a Stop goes on that stands for the Sync behind the last: some may be missing."""
+        left = self._cycles - self.cycle
+        return left if left <= MISSES_TO_FAULT + 1 else 1
+
+    def _end(self, data: bytes) -> list[Frame]:
+        """Engage the brakes now, which is when this process comes to do it."""
+        self.node.store(self.stop.identifier, data, max(self.now_ns, self._emulated(self.wall_ns)))
+        self.stopped = True
+        return []
 
     def _instant(self) -> int:
         """Return when a frame came: within its cycle, which only a Sync can end, and never in the past."""
         if not self.in_run:
             return self.now_ns
-        at_ns = self._laid[0] + round((self.came_ns - self._laid[1]) / self.stretch)
+        at_ns = self._emulated(self.came_ns)
         self.old_stamps += at_ns < self.now_ns
         return min(max(at_ns, self.now_ns), self.now_ns + self.period_ns - 1)
 
@@ -173,8 +194,8 @@ class WallPlant(WallDrive, PlantDrive):
     def _lost_ns(self) -> int:
         return self.cycle * self.period_ns + round(SILENCE * self.period_ns)
 
-    def _at_deadline(self, _late_ns: int) -> list[Frame]:
-        lost_ns = self._lost_ns
+    def _at_deadline(self, late_ns: int) -> list[Frame]:
+        lost_ns = self._lost_ns + round(late_ns / self.stretch)
         for _ in range(int(SILENCE)):
             self.cycle += 1
             self.node.on_timer(self.now_ns)
@@ -183,6 +204,8 @@ class WallPlant(WallDrive, PlantDrive):
 
 class WallDSP(WallDrive, DSPDrive):
     """The DSP: from Sync 0 on a period is over when its time is. late_ns: of each Sync, behind its deadline."""
+
+    owns_period = True
 
     def __init__(self, node: Node, scenario: Scenario, codec: Codec) -> None:
         super().__init__(node, scenario, codec)

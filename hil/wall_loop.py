@@ -39,11 +39,13 @@ class WallLoop:
             now_ns = time.monotonic_ns()
             wake_ns = drive.wake_ns
             due = wake_ns is not None and wake_ns <= now_ns
-            if due:
+            if due and drive.owns_period:
                 self._send(drive.tick(now_ns))
             wait_s = QUIET_S if wake_ns is None else min(QUIET_S, (wake_ns - now_ns) * 1e-9)
             heard = self._receive(0.0 if due else wait_s)
             check()
+            if due and not drive.owns_period and heard is None:
+                self._send(drive.tick(now_ns))
             if heard is not None and heard[0] == drive.stop.identifier and not drive.begun:
                 continue
             if heard is not None:

@@ -11,6 +11,8 @@ from hil.witness import Witness
 
 PATIENCE = 5.0
 """Periods of silence after which one looks what has become of the nodes: their own rules engage the brakes before."""
+LATE_END = 4
+"""Cycles that the DSP may have skipped at the end; a Stop that comes earlier is none of the end."""
 SLOW = ("State", "Heartbeat")
 """Frames of many senders that count as one."""
 
@@ -26,6 +28,7 @@ class WallWitness(Witness):
 
     def __init__(self, scenario: Scenario, codec: Codec) -> None:
         super().__init__(scenario, codec)
+        self._codec = codec
         self.missing_frames: Counter[str] = Counter()
         self.skipped = 0
         self.since_sync_s: dict[str, array[float]] = {}
@@ -35,16 +38,33 @@ class WallWitness(Witness):
         self.patience_s = PATIENCE * self._wall_period_s
         self._sync_came_ns = 0
 
-    def _instant(self, name: str, came_ns: int) -> int:
+    def _instant(self, name: str, data: bytes, came_ns: int) -> int:
+        if name == "Stop" and data == b"\0":
+            return self.cycle * self._period_ns
         if name == "Sync":
             if self.cycle > 0:
                 self.intervals_s.append((came_ns - self._sync_came_ns) * 1e-9)
             self._sync_came_ns = came_ns
-        elif self.cycle >= 0:
+        since_ns = came_ns - self._sync_came_ns
+        if self.cycle >= 0 and (name in self._due[1:] or name.startswith(SLOW)):
             kind = name.partition("_")[0] if name.startswith(SLOW) else name
-            self.since_sync_s.setdefault(kind, array("d")).append((came_ns - self._sync_came_ns) * 1e-9)
-        since_ns = max(0, came_ns - self._sync_came_ns)
-        return self.cycle * self._period_ns + min(round(since_ns * self._pace), self._period_ns - 1)
+            late_s = self._age(name, data) * self._wall_period_s
+            self.since_sync_s.setdefault(kind, array("d")).append(since_ns * 1e-9 + late_s)
+        return self.cycle * self._period_ns + min(round(max(0, since_ns) * self._pace), self._period_ns - 1)
+
+    def _age(self, name: str, data: bytes) -> int:
+        """Return by how many cycles a frame is late: behind how many Syncs that are not its own."""
+        fields = self._codec[name].unpack(data)
+        age = 0 if fields is None else (self.cycle - fields[-1]) & 0xFF
+        return age if age < 0x80 else 0
+
+    def _end(self, data: bytes) -> None:
+        """Count what the last cycle lacks; the DSP may have skipped some of the last."""
+        self.stopped = True
+        if data == b"\0":
+            ahead = max(1, self._cycles - self.cycle)
+            self._count_missing([name for name in self._due if name not in self._heard], ahead - 1)
+            self.cycle += ahead if ahead <= LATE_END else 1
 
     def _count_missing(self, names: list[str], cycles: int) -> None:
         self.missing_frames.update(names)

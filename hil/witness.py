@@ -47,16 +47,20 @@ class Witness:
             self.strange += 1
             return False
         if identifier == self._stop.identifier:
-            self.stopped = True
-            self.cycle += data == b"\0"  # it stands for the Sync of the cycle behind the last
+            self._end(data)
         if identifier == self._sync.identifier and not self._begin(data):
             return False
         if name in self._missed and self._is_of(self.cycle - 1, identifier, data):
             return self._take_late(name, identifier, data)
         moved = name not in self._heard
         self._heard.add(name)
-        self.log.watch(self._instant(name, came_ns), identifier, data, sender_of(name))
+        self.log.watch(self._instant(name, data, came_ns), identifier, data, sender_of(name))
         return moved
+
+    def _end(self, data: bytes) -> None:
+        """Take a Stop; that of the end stands for the Sync of the cycle behind the last."""
+        self.stopped = True
+        self.cycle += data == b"\0"
 
     def _is_of(self, cycle: int, identifier: int, data: bytes) -> bool:
         fields = self._codecs[identifier].unpack(data)
@@ -69,7 +73,7 @@ class Witness:
         self.log.watch((self.cycle - 1) * self._period_ns, identifier, data, sender_of(name))
         return False
 
-    def _instant(self, _name: str, _came_ns: int) -> int:
+    def _instant(self, _name: str, _data: bytes, _came_ns: int) -> int:
         """Return when a frame was on the bus, in ns since cycle 0: by Sync, at the beginning of its cycle."""
         return self.cycle * self._period_ns
 

@@ -135,7 +135,8 @@ class Clockwork:
     def _work(self, name: str, process: Process, now_ns: int) -> None:
         """Do what the loop around a drive does in one turn."""
         drive = process.drive
-        frames = drive.tick(now_ns) if drive.wake_ns is not None and drive.wake_ns <= now_ns else []
+        due = drive.wake_ns is not None and drive.wake_ns <= now_ns
+        frames = drive.tick(now_ns) if due and (drive.owns_period or not process.inbox) else []
         if process.inbox and not drive.finished:
             identifier, data, came_ns = process.inbox.popleft()
             frames += drive.hear_at(identifier, data, came_ns, now_ns)

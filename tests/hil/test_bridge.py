@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -161,5 +162,5 @@ def test_what_the_page_points_to_is_there(target: tuple[str, str]) -> None:
 
 def test_the_bridge_takes_the_options_of_the_page() -> None:
     """Of the installed python-can."""
-    run = subprocess.run(["python", "-m", "can.bridge", "--help"], capture_output=True, text=True, check=True)
+    run = subprocess.run([sys.executable, "-m", "can.bridge", "--help"], capture_output=True, text=True, check=True)
     assert {word for word in commands()[1] if word.startswith("--")} <= set(re.findall(r"--[\w-]+", run.stdout))

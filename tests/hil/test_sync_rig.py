@@ -90,7 +90,7 @@ def test_external_joint_is_announced_waited_for_and_changes_nothing(hil: Any) ->
     assert rig.returncode == 0, err
     assert board.returncode == 0, board.stderr
     text = " ".join(said.split())
-    assert "joint2 is external: waiting for it; it answers Encoder_2; one period is 1 ms" in text
+    assert "joint2 is external: waiting for it; it answers Encoder_2; by Sync; one period is 1 ms" in text
     assert "Encoder_2 0x102 (4 B, every 1 ms), AccelRef 0x130 (8 B, every 1 ms), Parameter_2 0x302 (5 B)" in text
     assert "sends Stop 0x010 (1 B), Current_2 0x122 (6 B, every 1 ms), Acknowledge_2 0x312 (7 B)" in text
     assert json.loads(out)["max_deviation_rad"] == summary_of(functional(*SHORT))["max_deviation_rad"]
@@ -342,3 +342,15 @@ def test_two_rigs_on_one_bus_see_each_other(hil: Any, street: Any) -> None:
 def test_module_says_how_it_is_started() -> None:
     run = subprocess.run([sys.executable, "-m", "hil.can_node"], capture_output=True, text=True, check=False)
     assert run.returncode != 0
+
+
+@pytest.mark.usefixtures("street")
+def test_other_traffic_on_the_bus_hides_no_dead_node(hil: Any) -> None:
+    """Frames that are none of ours, more often than the rig looks around."""
+    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=60")
+    with can.Bus(interface="hil", channel="street") as other:
+        other.send_periodic(can.Message(arbitration_id=0x700, is_extended_id=False), 0.02)
+        os.kill(wait_for(lambda: node_of(rig.pid, "joint3")), signal.SIGKILL)
+        _, err = rig.communicate(timeout=LIMIT_S)
+    assert rig.returncode == 5
+    assert "joint3 was killed by SIGKILL" in err

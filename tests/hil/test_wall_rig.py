@@ -39,7 +39,7 @@ def test_on_time_the_payloads_are_those_of_functional(hil: Any, tmp_path: Any) -
     expected = run_inline(scenario_file.load("paper-joint", [word for word in SHORT if word != "--set"]))
     assert (summary["clock"], summary["mode"], summary["deterministic"]) == ("wall", "wall", False)
     if summary["deadline_misses"] or summary["real_time"]["overruns"]:
-        return
+        pytest.skip(f"this machine had no time: {summary['deadline_misses_by_cause']}")
     found = payloads((m.arbitration_id, bytes(m.data)) for m in can.LogReader(tmp_path / "run" / "frames.log"))
     assert found == payloads((identifier, data) for _, identifier, data, _ in expected.log.frames)
     assert summary["faults"] == [], err
