@@ -41,12 +41,12 @@ def functional(settings: list[str]) -> dict[int, list[bytes]]:
     return found
 
 
-def play(hil: Any, lines: list[list[str]], settings: list[str], limit_s: float) -> Any:
-    """Start the four terminals, the rig with --json; return its summary when it and the node have ended well."""
+def play(hil: Any, lines: list[list[str]], settings: list[str], limit_s: float, *more: str) -> Any:
+    """Start the four terminals, the rig with --json and more; return its summary when rig and node have ended well."""
     bus, bridge, rig, node = lines
     hil.bus(bus[2], *bus[3:])
     started = start_bridge(hil, *bridge[2:])
-    running = hil.start(*rig[1:], "--json", "--out", "out", *settings)
+    running = hil.start(*rig[1:], "--json", *more, *settings)
     board = hil.start(*node[1:], *settings)
     out, err = running.communicate(timeout=limit_s)
     assert running.returncode == 0, err
@@ -58,7 +58,7 @@ def play(hil: Any, lines: list[list[str]], settings: list[str], limit_s: float) 
 def test_commands_of_the_page_over_two_channels_of_ours(hil: Any, short_settings: list[str]) -> None:
     hil.bus("there")
     lines = [ours(line) for line in commands()]
-    summary = play(hil, lines, short_settings, LIMIT_S)
+    summary = play(hil, lines, short_settings, LIMIT_S, "--out", "out")
     assert payloads(hil.folder / "out" / "frames.log") == functional(short_settings)
     assert summary["lost_frames"] == 0
 
