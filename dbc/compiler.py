@@ -30,12 +30,7 @@ def load_arm() -> Codec:
 
 def compile_dbc(path: str | Path) -> Codec:
     """Return the codec of a DBC file; raise CodecError for what is not supported."""
-    # Not strict: the layout is checked here, where the message can name the cure.
-    try:
-        database = load_file(path, database_format="dbc", strict=False)
-    except UnsupportedDatabaseFormatError as error:
-        raise CodecError(f"{path} is no readable database: {error}") from error
-    assert isinstance(database, Database)
+    database = _load(path)
     _refuse_duplicates(database.messages)
     return Codec([_compile_message(message) for message in database.messages], _version(database.version or ""))
 
@@ -55,12 +50,17 @@ class Description(NamedTuple):
 
 def describe(path: str | Path) -> list[Description]:
     """Return every message of a DBC file, by identifier; raise CodecError for what is no DBC."""
+    return [_describe(message) for message in sorted(_load(path).messages, key=lambda each: each.frame_id)]
+
+
+def _load(path: str | Path) -> Database:
+    # Not strict: what is used is checked here, where the message can name the cure.
     try:
         database = load_file(path, database_format="dbc", strict=False)
     except (UnsupportedDatabaseFormatError, UnicodeDecodeError) as error:
         raise CodecError(f"{path} is no readable database: {error}") from error
     assert isinstance(database, Database)
-    return [_describe(message) for message in sorted(database.messages, key=lambda each: each.frame_id)]
+    return database
 
 
 def describe_arm(joints: int) -> list[Description]:

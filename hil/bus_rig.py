@@ -20,6 +20,7 @@ from hil.before_run import check_place, check_silence
 from hil.bus_errors import as_wire
 from hil.can_node import Place
 from hil.can_port import CanPort
+from hil.constants import STOP_OPERATOR
 from hil.errors import NodeError, OutputError
 from hil.expectation import expectation
 from hil.processes import START_S, Processes
@@ -33,8 +34,6 @@ from hil.watchdog import Notice, watchdog
 from hil.wire.participants import OnWait
 from hil.witness import Witness
 
-OPERATOR = 1
-"""Reason of a Stop, as in arm.dbc."""
 STOP_S = 2.0
 """Wall time for which an interface that went down may come up again, to carry the Stop."""
 
@@ -103,7 +102,7 @@ def _stop(port: CanPort, codec: Codec, notice: Notice) -> None:
     deadline = time.monotonic() + STOP_S
     while True:
         try:
-            return port.send(codec["Stop"].identifier, codec["Stop"].pack(OPERATOR))
+            return port.send(codec["Stop"].identifier, codec["Stop"].pack(STOP_OPERATOR))
         except NodeError as error:
             if time.monotonic() > deadline:
                 return notice(f"no Stop was sent, and who is in run stays there: {error}")

@@ -10,17 +10,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil import real_time
 from hil.assemble import build_node
 from hil.can_port import CanPort
 from hil.errors import NodeError
-from hil.node import Node
 from hil.node_process import be_child, write_report
 from hil.scenario import Scenario
-from hil.sync_drive import make_drive
-from hil.wall_drive import make_wall_drive
+from hil.sync_drive import SyncDrive, make_drive
+from hil.wall_drive import WallDrive, make_wall_drive
 from hil.wall_loop import QUIET_S, WallLoop
 
 
@@ -30,6 +28,10 @@ class Place(NamedTuple):
     interface: str
     channel: str
     options: dict[str, Any]
+
+
+Check = Callable[[], None]
+"""Called all the time; raises NodeError where there is no reason to go on."""
 
 
 def play(
@@ -42,56 +44,47 @@ def play(
     """
     codec = load_arm()
     node = build_node(scenario, name, codec, compiled=True)
-    loop = _by_wall if scenario.clock.kind == "wall" else _by_sync
 
     def check() -> None:
         if rig is not None and os.getppid() != rig:
             raise NodeError(f"{name}: the rig is gone")
 
-    return loop(scenario, node, codec, place, ready, check)
-
-
-Check = Callable[[], None]
-
-
-def _by_sync(
-    scenario: Scenario, node: Node, codec: Codec, place: Place, ready: Path | None, check: Check
-) -> dict[str, Any]:
-    drive = make_drive(node, scenario, codec)
+    by_wall = scenario.clock.kind == "wall"
+    drive = (make_wall_drive if by_wall else make_drive)(node, scenario, codec)
     port = CanPort(place.interface, place.channel, drive.listens, **place.options)
     try:
-        _say_ready(ready, [])
-        for frame in drive.start():
+        if isinstance(drive, WallDrive):
+            counted = _by_wall(scenario, drive, port, ready, check)
+        else:
+            counted = _by_sync(drive, port, ready, check)
+    finally:
+        port.close()
+    refusals = {"full_queue": port.retries, "strange_frames": port.strangers, "bus_errors": dict(port.errors.counts)}
+    return node.report() | counted | refusals
+
+
+def _by_sync(drive: SyncDrive, port: CanPort, ready: Path | None, check: Check) -> dict[str, Any]:
+    """Play a node by Sync, which counts nothing beside the node's own."""
+    _say_ready(ready, [])
+    for frame in drive.start():
+        port.send(*frame)
+    while not drive.finished:
+        heard = port.receive(QUIET_S)
+        check()
+        if heard is not None and drive.is_of_another_run(heard[0]):
+            continue
+        for frame in drive.idle() if heard is None else drive.hear(*heard):
             port.send(*frame)
-        while not drive.finished:
-            heard = port.receive(QUIET_S)
-            check()
-            if heard is not None and heard[0] == drive.stop.identifier and not drive.begun:
-                continue
-            for frame in drive.idle() if heard is None else drive.hear(*heard):
-                port.send(*frame)
-    finally:
-        port.close()
-    return node.report() | _counted(port)
+    return {}
 
 
-def _by_wall(
-    scenario: Scenario, node: Node, codec: Codec, place: Place, ready: Path | None, check: Check
-) -> dict[str, Any]:
-    drive = make_wall_drive(node, scenario, codec)
-    port = CanPort(place.interface, place.channel, drive.listens, **place.options)
-    try:
-        loop = WallLoop(drive, port, scenario.clock.stamps == "hardware")
-        refused = real_time.prepare(scenario.node_names.index(node.name))
-        _say_ready(ready, refused)
-        loop.run(check)
-    finally:
-        port.close()
-    return node.report() | loop.report() | _counted(port) | {"refused": refused}
-
-
-def _counted(port: CanPort) -> dict[str, Any]:
-    return {"full_queue": port.retries, "strange_frames": port.strangers, "bus_errors": dict(port.errors.counts)}
+def _by_wall(scenario: Scenario, drive: WallDrive, port: CanPort, ready: Path | None, check: Check) -> dict[str, Any]:
+    """Play a node by the clock; return what its loop counted, and what the machine refused."""
+    loop = WallLoop(drive, port, scenario.clock.stamps == "hardware")
+    refused = real_time.prepare(scenario.node_names.index(drive.node.name))
+    _say_ready(ready, refused)
+    loop.run(check)
+    return loop.report() | {"refused": refused}
 
 
 def _say_ready(ready: Path | None, refused: list[str]) -> None:

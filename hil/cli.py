@@ -101,7 +101,6 @@ def run(
 ) -> None:
     """Run an experiment: every node a process, over CAN in virtual time, or on any CAN interface (clock sync, wall)."""
     from hil import scenario_file, show
-    from hil.bus_rig import run_on_bus
     from hil.processes import run_processes
     from hil.rig import run_inline
     from hil.warn import warnings
@@ -120,6 +119,8 @@ def run(
         for text in warnings(chosen):
             notice(f"warning: {text}")
         if place is not None:
+            from hil.bus_rig import run_on_bus
+
             outcome = run_on_bus(chosen, place, external, _channels(at), step, notice, patience or inf)
         elif inline:
             outcome = run_inline(chosen, step)

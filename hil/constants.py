@@ -32,6 +32,7 @@ STOP_REASONS = {
     8: "current lost",
 }
 """Of Stop, as in arm.dbc."""
+STOP_OPERATOR = 1
 LARGEST_SHIFT = 15
 STATUS_MARGIN_BITS = 25
 """State and Heartbeat are queued this many bit times before they would end exactly with the cycle."""

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from firmware_py.joint_cpu import STOP_JOINT_FAULT
-from hil.constants import STOP_REASONS
+from hil.constants import STOP_OPERATOR, STOP_REASONS
 from hil.evaluate import Array, Evaluation
 from hil.rig import Outcome
 from hil.wall_summary import real_time
 from plant.node import STOP_CURRENT_LOST
 
 STOP_IDENTIFIER = 0x010
-STOP_OPERATOR = 1
 OF_OTHERS = ("sync", "wall")
 """Modes on a bus that is not ours: it tells neither who sends a Stop nor how many bits there were."""
 NO_FAULT = ("", "stopped")

@@ -45,8 +45,12 @@ class SyncDrive:
 
     @property
     def begun(self) -> bool:
-        """Whether the set-up has begun; a Stop before it is that of another run."""
+        """Whether the set-up has begun."""
         return self.cycle >= -self.setup_cycles
+
+    def is_of_another_run(self, identifier: int) -> bool:
+        """Return whether a frame is the Stop of another run: before the set-up it can be no other."""
+        return identifier == self.stop.identifier and not self.begun
 
     @property
     def finished(self) -> bool:

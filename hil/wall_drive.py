@@ -23,6 +23,10 @@ SILENCE = 3.25
 """Periods after a Sync until the plant takes the link for lost: the third one that is missing is a quarter late."""
 
 
+LATE_END = MISSES_TO_FAULT + 1
+"""Cycles behind the last Sync at which a Stop may still be that of the end: three may have been skipped or lost."""
+
+
 class WallDrive(SyncDrive):
     """What the drives share: emulated time laid on the machine's, and frames that are to be sent later."""
 
@@ -171,7 +175,7 @@ class WallPlant(WallDrive, PlantDrive):
     def _to_the_end(self) -> int:
         """Return by how many cycles a Stop goes on that stands for the Sync behind the last: some may be missing."""
         left = self._cycles - self.cycle
-        return left if left <= MISSES_TO_FAULT + 1 else 1
+        return left if left <= LATE_END else 1
 
     def _end(self, data: bytes) -> list[Frame]:
         """Engage the brakes now, which is when this process comes to do it."""

@@ -46,7 +46,7 @@ class WallLoop:
             check()
             if due and not drive.owns_period and heard is None:
                 self._send(drive.tick(now_ns))
-            if heard is not None and heard[0] == drive.stop.identifier and not drive.begun:
+            if heard is not None and drive.is_of_another_run(heard[0]):
                 continue
             if heard is not None:
                 self._send(drive.hear_at(*heard, self.port.came_ns, time.monotonic_ns()))

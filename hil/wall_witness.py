@@ -7,12 +7,11 @@ from typing import Any
 from dbc.codec import Codec
 from hil.latency import distribution
 from hil.scenario import Scenario
+from hil.wall_drive import LATE_END
 from hil.witness import Witness
 
 PATIENCE = 5.0
 """Periods of silence after which one looks what has become of the nodes: their own rules engage the brakes before."""
-LATE_END = 4
-"""Cycles that the DSP may have skipped at the end; a Stop that comes earlier is none of the end."""
 SLOW = ("State", "Heartbeat")
 """Frames of many senders that count as one."""
 

@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hil.doctor.finding import Finding
+from hil.real_time import MCL_CURRENT
 from hil.scenario import Scenario
+from hil.stamped_socket import RX_HARDWARE, RX_SOFTWARE
+from hil.stamps import OTHER_CLOCK_NS
 
 CPUS = Path("/sys/devices/system/cpu")
 CLOCKSOURCE = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
-MCL_CURRENT = 1
 SIOCETHTOOL, ETHTOOL_GET_TS_INFO = 0x8946, 0x41
 """Ref: linux/sockios.h, linux/ethtool.h."""
-RX_HARDWARE, RX_SOFTWARE = 1 << 2, 1 << 3
-"""Ref: linux/net_tstamp.h."""
-OTHER_CLOCK_S = 10.0
-"""A stamp that is older when its frame is taken is not of the system's clock."""
 TICKS_A_PERIOD = 1000
 """How much finer than the period the clock should be."""
 SLOW_CLOCKS = ("jiffies", "acpi_pm", "hpet")
@@ -114,7 +112,7 @@ def check_family(number: int) -> Finding:
 def check_stamps(flags: int | None, age_s: float | None) -> Finding:
     """Does the kernel stamp a frame when it comes, by the system's clock? age_s: of a fresh stamp, if a frame came."""
     limit = "by the kernel, on reception"
-    if age_s is not None and abs(age_s) > OTHER_CLOCK_S:
+    if age_s is not None and abs(age_s) * 1e9 > OTHER_CLOCK_NS:
         cure = "its stamps are of another clock than the system's: set that clock, or take another driver"
         return Finding("time stamps", f"{age_s:.3g} s old when taken", limit, "bad", cure)
     age = "" if age_s is None else f", {age_s * 1e3:.1f} ms old when taken"

@@ -1,6 +1,7 @@
 """A database's messages, analysed: which meet their deadlines at a bit rate, and the lowest rate at which all do."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -84,12 +85,7 @@ def lowest_bitrate(messages: Sequence[Message], bit_ns: int, errors: Errors | No
     """
 
     def suffices(bit: int) -> bool:
-        scaled = [
-            Message(
-                m.name, m.identifier, m.period_ns, m.deadline_ns, m.time_ns // bit_ns * bit, m.jitter_ns, m.extended
-            )
-            for m in messages
-        ]
+        scaled = [replace(each, time_ns=each.time_ns // bit_ns * bit) for each in messages]
         return all(each.meets_deadline for each in response_times(scaled, bit, errors))
 
     shortest, longest = NS_A_SECOND // HIGHEST_BITRATE, NS_A_SECOND // LOWEST_BITRATE

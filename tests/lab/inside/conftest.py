@@ -64,6 +64,13 @@ def vcan(alone: None) -> str:  # noqa: ARG001 (it is there)
 
 
 @pytest.fixture
+def up(vcan: str) -> Iterator[None]:
+    """Have vcan0 up again behind the test."""
+    yield
+    kernel.set_link(vcan, "up")
+
+
+@pytest.fixture
 def cards(alone: None) -> tuple[str, str]:  # noqa: ARG001 (it is there)
     """Two cards on one bus, which the tests may load as they like: somebody has to say which."""
     names = os.environ.get("HIL_LAB_CARDS", "").split(",")

@@ -51,13 +51,6 @@ def heard(witness: CanPort) -> tuple[int, bytes]:
     raise AssertionError("heard nothing")
 
 
-@pytest.fixture
-def up(vcan: str) -> object:
-    """Have vcan0 up again behind the test."""
-    yield
-    kernel.set_link(vcan, "up")
-
-
 @pytest.mark.row("trouble")
 @pytest.mark.usefixtures("nodes", "lab", "up")
 def test_interface_that_goes_down_and_up_ends_the_run_with_a_stop(vcan: str, got: Got) -> None:

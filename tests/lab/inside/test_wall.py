@@ -169,13 +169,6 @@ def braked(outcome: Outcome, voice: int, got: Got, what: str) -> None:
     got(f"{what}: {plant['fault']}, {late:.2f} periods behind the first that was due; said: {said}")
 
 
-@pytest.fixture
-def up(vcan: str) -> Iterator[None]:
-    """Have vcan0 up again behind the test."""
-    yield
-    kernel.set_link(vcan, "up")
-
-
 @pytest.mark.row("wall-trouble")
 @pytest.mark.usefixtures("nodes", "lab", "up")
 def test_interface_down_and_up_brakes(vcan: str, got: Got) -> None:
