@@ -35,7 +35,8 @@ STOP_REASONS = {
 STOP_OPERATOR = 1
 LARGEST_SHIFT = 15
 STATUS_MARGIN_BITS = 25
-"""State and Heartbeat are queued this many bit times before they would end exactly with the cycle."""
+TAIL_BITS = worst_case_bits(8) + INTERMISSION_BITS + STATUS_MARGIN_BITS
+"""State and Heartbeat are queued so long before the end of their cycle: the longest frame, and a margin."""
 
 
 def rad_per_count(scenario: Scenario) -> float:
@@ -123,7 +124,7 @@ def action_delays_ns(scenario: Scenario) -> tuple[int, ...]:
 
 def tail_ns(scenario: Scenario) -> int:
     """Return how long before the end of its cycle a State or Heartbeat is queued: 160 us at 1 Mbit/s."""
-    return (worst_case_bits(8) + INTERMISSION_BITS + STATUS_MARGIN_BITS) * scenario.bit_ns
+    return TAIL_BITS * scenario.bit_ns
 
 
 def check_budget(scenario: Scenario) -> None:

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 QUANTILES = {"p50_s": 0.5, "p99_s": 0.99, "p99.9_s": 0.999}
 BINS_A_DECADE = 10
 SMALLEST_S = 1e-6
 
 
-def distribution(values_s: Sequence[float]) -> dict[str, Any] | None:
+def distribution(values_s: Sequence[float] | npt.NDArray[np.float64]) -> dict[str, Any] | None:
     """Return count, least, p50, p99, p99.9, largest, and a histogram over logarithmic bins; None without values.
 
     edges_s has one entry more than counts; what is below the first edge counts in the first bin. A quantile is a value

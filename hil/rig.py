@@ -11,6 +11,7 @@ from hil.assemble import build_nodes
 from hil.drive import Direct
 from hil.errors import HilError, failed
 from hil.frame_log import FrameLog
+from hil.node import Node
 from hil.scenario import Scenario
 from hil.wire.faults import FaultScript
 from hil.wire.kernel import Kernel
@@ -74,14 +75,25 @@ def wire_counts(kernel: Kernel, names: Sequence[str]) -> dict[str, dict[str, Any
     return {port.name: port.controller.counts() for port in kernel.ports if port.name in names}
 
 
-def run_inline(scenario: Scenario, progress: Progress = no_progress, compiled: bool = True) -> Outcome:
-    """Run all nodes and the wire in this process; compiled: see `build_plant`."""
+Seat = Callable[[Kernel, Node], None]
+"""Lets a node take part in a bus."""
+
+
+def directly(kernel: Kernel, node: Node) -> None:
+    """Let a node take part, called in this process."""
+    kernel.join(Direct(node))
+
+
+def run_inline(
+    scenario: Scenario, progress: Progress = no_progress, compiled: bool = True, seat: Seat = directly
+) -> Outcome:
+    """Run all nodes and the wire in this process; compiled: see `build_plant`. seat: to see more of each node."""
     began = time.perf_counter()
     kernel = make_kernel(scenario)
     recorder = Recorder(kernel, load_arm())
     nodes = build_nodes(scenario, compiled)
     for node in nodes:
-        kernel.join(Direct(node))
+        seat(kernel, node)
     try:
         kernel.start()
         wall_s, setup_wall_s, bits = carry_through(scenario, kernel, kernel.run, progress, began)

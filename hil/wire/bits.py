@@ -65,6 +65,11 @@ def worst_case_bits(length: int, extended: bool = False) -> int:
     return stuffable + (stuffable - 1) // 4 + TRAILER_BITS
 
 
+def shortest_bits(length: int, extended: bool = False) -> int:
+    """Return what `frame_bits` of a data frame with `length` bytes never falls short of: a frame without stuff bits."""
+    return (EXTENDED_HEADER_BITS if extended else STANDARD_HEADER_BITS) + 8 * length + CRC_BITS + TRAILER_BITS
+
+
 def crc15(data: bytes, crc: int = 0) -> int:
     """Return the CRC-15/CAN of whole bytes, most significant bit first, continuing from `crc`."""
     for byte in data:

@@ -65,6 +65,12 @@ def fd_worst_case_bits(length: int, extended: bool = False, brs: bool = True) ->
     return (nominal, fast) if brs else (nominal + fast, 0)
 
 
+def fd_shortest_bits(length: int, extended: bool = False) -> tuple[int, int]:
+    """Return what `fd_frame_bits` with `length` bytes and `brs` never falls short of: a frame without stuff bits."""
+    nominal = (EXTENDED_HEADER_BITS if extended else STANDARD_HEADER_BITS) - FAST_HEADER_BITS + TRAILER_BITS
+    return nominal, FAST_HEADER_BITS + 8 * length + _crc_field_bits(length)
+
+
 def fd_dlc(length: int) -> int:
     """Return the DLC that says this number of bytes; ValueError names the next length that there is."""
     if length in FD_LENGTHS:

@@ -143,6 +143,11 @@ class Kernel:
         return self.medium.delivery.watchers
 
     @property
+    def queued_ns(self) -> int:
+        """Since when the frame waited that watchers are told of."""
+        return self.medium.queues.queued_ns
+
+    @property
     def listeners(self) -> list[Listener]:
         """Who is told of errors, states, overruns and lost arbitration."""
         return self.medium.reporter.listeners

@@ -245,8 +245,7 @@ class Medium:
             return
         self._current = None
         self._sender = port = self._by_order[entry[1]]
-        port.controller.sent += 1
-        port.controller.unheard = False
+        self.queues.sent(port, entry)
         self.leave_queue(port)
         now_ns = self.agenda.now_ns
         identifier = entry[4] if entry[4] < FD else self.identifier(entry)
@@ -344,7 +343,6 @@ class Medium:
     def confirm(self, port: Port, entry: Entry, identifier: int) -> None:
         """Confirm: a frame that was played bit by bit has gone out."""
         self.queues.take(entry)
-        port.controller.sent += 1
-        port.controller.unheard = False
+        self.queues.sent(port, entry)
         self.leave_queue(port)
         self.delivery.confirm(port, self.agenda.now_ns, identifier, entry[5])

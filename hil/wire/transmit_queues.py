@@ -9,10 +9,14 @@ from hil.wire.port import Port
 
 
 class TransmitQueues:
-    """The frames that take part in arbitration, as a heap: all of a queue by priority, the head of one in order."""
+    """The frames that take part in arbitration, as a heap: all of a queue by priority, the head of one in order.
+
+    queued_ns: since when the frame waited that was sent last.
+    """
 
     def __init__(self) -> None:
         self.pending: list[Entry] = []
+        self.queued_ns = 0
         self._sequence = 0
 
     def enter(self, port: Port, identifier: int, data: bytes, now_ns: int) -> None:
@@ -55,6 +59,12 @@ class TransmitQueues:
     def holds(self, port: Port, identifier: int) -> bool:
         """Return whether such a frame of somebody waits."""
         return any(entry[1] == port.order and entry[4] == identifier for entry in self.pending)
+
+    def sent(self, port: Port, entry: Entry) -> None:
+        """Count a frame that was sent, and acknowledged."""
+        self.queued_ns = entry[2]
+        port.controller.sent += 1
+        port.controller.unheard = False
 
     def leave(self, port: Port, reason: str | None) -> None:
         """Count a frame out: sent, or lost for a reason; a first-in-first-out queue moves up."""

@@ -20,7 +20,9 @@ def slot(name: str, rank: int, longest: int, **more) -> Slot:
 
 def test_answers_by_hand() -> None:
     """A (100) at 0; B (50) 20 behind A's end; C, lowest, 200 long, at 110 sharp: it is under way when B comes."""
-    found = bounds([slot("A", 1, 97), slot("B", 2, 47, after="A", delay_ns=20), slot("C", 3, 197, delay_ns=110)], TIMING)
+    found = bounds(
+        [slot("A", 1, 97), slot("B", 2, 47, after="A", delay_ns=20), slot("C", 3, 197, delay_ns=110)], TIMING
+    )
     assert (found["A"].end_ns, found["A"].response_ns) == (97, 100)
     assert (found["B"].earliest_ns, found["B"].latest_ns) == (117, 117)
     assert (found["B"].end_ns, found["B"].response_ns) == (117 + 200 + 47, 250)  # 7 too many: all of C counts

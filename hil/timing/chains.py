@@ -1,0 +1,158 @@
+"""Chains: from the sample to the current's action, and round by the DSP; part by part, with what was missed and why.
+
+A chain is a row of parts, each with its length in every cycle; nan where it did not come to an end. A current acts when
+its frame has ended and the drive's dead time is over.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.constants import reference_of
+from hil.latency import distribution
+from hil.scenario import Scenario
+from hil.scenario_parts import to_ns
+from hil.timing.cycle import Bound
+from hil.timing.measured import ENDS, QUEUED, STARTS, Array, seconds
+
+Bools = npt.NDArray[np.bool_]
+BUS, COMPUTING, HOST = "bus", "computing", "host"
+"""Causes of a miss: the host's share is 0 in virtual time, where the machine cannot be late."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One step of a chain. lasts_ns: in every cycle; limit_ns: declared, of a node's computing."""
+
+    name: str
+    cause: str
+    lasts_ns: Array
+    limit_ns: float = np.inf
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Parts behind one another, from the sample at a cycle's start on. bound_ns: of the whole; None: there is none."""
+
+    name: str
+    joint: int
+    parts: tuple[Part, ...]
+    deadline_ns: int
+    bound_ns: int | None
+
+    @property
+    def lasts_ns(self) -> Array:
+        """How long it took in every cycle; nan where it never ended."""
+        total: Array = np.sum([part.lasts_ns for part in self.parts], axis=0)
+        return total
+
+    def misses(self) -> dict[str, int]:
+        """Return how often the deadline was missed, by cause: computing beyond what was declared, or else the bus."""
+        late = ~(self.lasts_ns <= self.deadline_ns)
+        slow = np.zeros_like(late)
+        for part in self.parts:
+            if part.cause == COMPUTING:
+                slow |= part.lasts_ns > part.limit_ns
+        return {BUS: int(np.sum(late & ~slow)), COMPUTING: int(np.sum(late & slow)), HOST: 0}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What chains are made of. instants: of messages by cycle; woken: in which cycles each node was (cycles,)."""
+
+    scenario: Scenario
+    instants: dict[str, Array]
+    woken: dict[str, Bools]
+
+    def of(self, name: str) -> Array:
+        """Return the instants of a message, nan where there was none."""
+        return self.instants.get(name, np.full((self.scenario.cycles, 3), np.nan))
+
+    def computes(self, node: str, asked: Array, answer: Array, declared_ns: float) -> Part:
+        """Return how long a node computed; for ever where it was not even woken by what it heard."""
+        lasts_ns = answer[:, QUEUED] - asked[:, ENDS]
+        silent = np.isnan(lasts_ns) & ~np.isnan(asked[:, ENDS]) & ~self.woken[node]
+        return Part(f"{node} computes", COMPUTING, np.where(silent, np.inf, lasts_ns), declared_ns)
+
+
+def chains(run: Run, bounds: dict[str, Bound] | None) -> list[Chain]:
+    """Return of every joint: sample to action; then sample, DSP, AccelRef, current of the cycle that follows."""
+    joints = range(1, run.scenario.joints + 1)
+    period_ns = run.scenario.period_ns
+    ends_ns = {n: None if bounds is None else bounds[f"Current_{n}"].end_ns for n in joints}
+    direct = [Chain(f"joint{n}: sample to action", n, _direct(run, n), period_ns, ends_ns[n]) for n in joints]
+    return direct + [
+        Chain(
+            f"joint{n}: sample, DSP, action",
+            n,
+            _by_dsp(run, n),
+            2 * period_ns,
+            None if end_ns is None else period_ns + end_ns,
+        )
+        for n, end_ns in ends_ns.items()
+    ]
+
+
+def _direct(run: Run, n: int) -> tuple[Part, ...]:
+    encoder, current = run.of(f"Encoder_{n}"), run.of(f"Current_{n}")
+    return (
+        *_frame(f"Encoder_{n}", encoder, encoder[:, QUEUED] - _samples_ns(run)),
+        run.computes(f"joint{n}", encoder, current, run.scenario.compute_ns(n)),
+        *_frame(f"Current_{n}", current),
+    )
+
+
+def _by_dsp(run: Run, n: int) -> tuple[Part, ...]:
+    """Return the parts of the way by the DSP; its second half is that of the next cycle."""
+    last, name = f"Encoder_{run.scenario.joints}", reference_of(n)[0]
+    encoder, reference = run.of(last), run.of(name)
+    begins = (
+        *_frame(last, encoder, encoder[:, QUEUED] - _samples_ns(run)),
+        run.computes("dsp", encoder, reference, to_ns(run.scenario.dsp.compute_s)),
+        *_frame(name, reference),
+    )
+    *_, computes, waits, on_bus = _direct(run, n)
+    held_ns = run.of(f"Encoder_{n}")[1:, ENDS] - reference[:-1, ENDS]
+    held = Part(f"held until Encoder_{n}", BUS, held_ns)
+    return (
+        *(replace(part, lasts_ns=part.lasts_ns[:-1]) for part in begins),
+        held,
+        *(replace(part, lasts_ns=part.lasts_ns[1:]) for part in (computes, waits, on_bus)),
+    )
+
+
+def _samples_ns(run: Run) -> Array:
+    return np.arange(run.scenario.cycles, dtype=np.float64) * run.scenario.period_ns
+
+
+def _frame(name: str, instants: Array, before_ns: Array | float = 0.0) -> tuple[Part, Part]:
+    """Return how long a frame waits, with what lies before it is queued, and how long it is on the bus."""
+    waits = Part(f"{name} waits", BUS, before_ns + instants[:, STARTS] - instants[:, QUEUED])
+    return waits, Part(f"{name} on the bus", BUS, instants[:, ENDS] - instants[:, STARTS])
+
+
+def to_json(chain: Chain) -> dict[str, Any]:
+    """Return what was measured of a chain, beside its bound, in seconds."""
+    lasts_ns = _finite(chain.lasts_ns)
+    return {
+        "name": chain.name,
+        "joint": chain.joint,
+        "deadline_s": seconds(chain.deadline_ns),
+        "bound_s": seconds(chain.bound_ns),
+        "measured": distribution(lasts_ns / 1e9),
+        "jitter_s": seconds(float(np.ptp(lasts_ns))) if len(lasts_ns) else None,
+        "misses": chain.misses(),
+        "parts": [_part(part) for part in chain.parts],
+    }
+
+
+def _part(part: Part) -> dict[str, Any]:
+    lasts_ns = _finite(part.lasts_ns)
+    span = (seconds(float(np.mean(lasts_ns))), seconds(float(np.max(lasts_ns)))) if len(lasts_ns) else (None, None)
+    return {"name": part.name, "cause": part.cause, "mean_s": span[0], "max_s": span[1]}
+
+
+def _finite(lasts_ns: Array) -> Array:
+    return lasts_ns[np.isfinite(lasts_ns)]

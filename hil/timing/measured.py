@@ -1,0 +1,58 @@
+"""What a run's timeline says of every message: its response time, and when it came in every cycle.
+
+A response lasts from when a frame is queued to the end of its intermission, as in the analysis.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dbc.codec import Codec
+from hil.latency import distribution
+from hil.scenario import Scenario
+from hil.timing.timeline import Timeline
+from hil.wire.bits import INTERMISSION_BITS
+
+Array = npt.NDArray[np.float64]
+QUEUED, STARTS, ENDS = range(3)
+
+
+def seconds(ns: float | None) -> float | None:
+    """Return nanoseconds in seconds, nothing for nothing."""
+    return None if ns is None else float(ns) / 1e9
+
+
+def responses(timeline: Timeline, scenario: Scenario, codec: Codec) -> dict[str, dict[str, Any]]:
+    """Return of every message of the run: its response times [s] as a distribution, and its shortest and longest frame.
+
+    spans_ns: without intermission. What the database does not know goes by its identifier.
+    """
+    rest_ns = INTERMISSION_BITS * scenario.bit_ns
+    lasted: dict[str, list[float]] = {}
+    spans_ns: dict[str, tuple[int, int]] = {}
+    for frame in timeline.between(0, scenario.duration_ns):
+        message = codec.by_identifier.get(frame.identifier)
+        name = f"{frame.identifier:#x}" if message is None else message.name
+        lasted.setdefault(name, []).append((frame.ends_ns + rest_ns - frame.queued_ns) / 1e9)
+        span_ns = frame.ends_ns - frame.starts_ns
+        shortest_ns, longest_ns = spans_ns.get(name, (span_ns, span_ns))
+        spans_ns[name] = min(shortest_ns, span_ns), max(longest_ns, span_ns)
+    return {name: {"response": distribution(lasted[name]), "spans_ns": spans_ns[name]} for name in lasted}
+
+
+def by_cycle(timeline: Timeline, scenario: Scenario, codec: Codec) -> dict[str, Array]:
+    """Return (cycles, 3) instants of every message that carries its cycle: queued, starts, ends [ns]; nan: none."""
+    period_ns = scenario.period_ns
+    found: dict[str, Array] = {}
+    for frame in timeline.between(0, scenario.duration_ns):
+        message = codec.by_identifier.get(frame.identifier)
+        fields = None if message is None else message.unpack(frame.data)
+        if message is None or fields is None or message.signals[-1:] != ("Cycle",):
+            continue
+        period = frame.queued_ns // period_ns
+        cycle = period - ((period - fields[-1]) & 0xFF)
+        if cycle >= 0:
+            instants = found.setdefault(message.name, np.full((scenario.cycles, 3), np.nan))
+            instants[cycle] = frame.queued_ns, frame.starts_ns, frame.ends_ns
+    return found

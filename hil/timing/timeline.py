@@ -1,0 +1,79 @@
+"""When everything of an inline run happened: each frame queued, started and ended, each node's computing."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from hil.drive import Direct
+from hil.node import Node, Reaction
+from hil.rig import Outcome, Progress, no_progress, run_inline
+from hil.scenario import Scenario
+from hil.wire.duration import duration_ns
+from hil.wire.kernel import Arrival, Kernel
+
+
+class FrameTime(NamedTuple):
+    """One frame on the bus; times in ns behind cycle 0. starts_ns: of the attempt that was acknowledged."""
+
+    queued_ns: int
+    starts_ns: int
+    ends_ns: int
+    identifier: int
+    data: bytes
+    sender: str
+
+
+class Computing(NamedTuple):
+    """One wake-up of a node: when, and how long it computed."""
+
+    begins_ns: int
+    lasts_ns: int
+
+
+class Timeline:
+    """Follows a run from its set-up on. frames: in the order of the bus; computing: of each node."""
+
+    def __init__(self) -> None:
+        self.frames: list[FrameTime] = []
+        self.computing: dict[str, list[Computing]] = {}
+
+    def seat(self, kernel: Kernel, node: Node) -> None:
+        """Let a node take part, and look on."""
+        if not self.computing:
+            self._follow(kernel)
+        kernel.join(_Watched(node, self.computing.setdefault(node.name, [])))
+
+    def _follow(self, kernel: Kernel) -> None:
+        def watch(end_ns: int, identifier: int, data: bytes, sender: str) -> None:
+            starts_ns = end_ns - duration_ns(identifier, data, kernel.rates)
+            self.frames.append(FrameTime(kernel.queued_ns, starts_ns, end_ns, identifier, data, sender))
+
+        kernel.watchers.append(watch)
+
+    def between(self, begins_ns: int, ends_ns: int) -> Iterator[FrameTime]:
+        """Yield the frames that were queued from one instant on and before another."""
+        return (frame for frame in self.frames if begins_ns <= frame.queued_ns < ends_ns)
+
+    def woken(self, node: str, period_ns: int, cycles: int) -> list[bool]:
+        """Return in which cycles of a run a node was woken."""
+        found = {begins_ns // period_ns for begins_ns, _ in self.computing[node]}
+        return [cycle in found for cycle in range(cycles)]
+
+
+class _Watched(Direct):
+    """A node whose computing is written down."""
+
+    def __init__(self, node: Node, computing: list[Computing]) -> None:
+        super().__init__(node)
+        self._computing = computing
+
+    def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
+        """Hand over, and note how long it computes."""
+        reaction = super().wake(now_ns, stored, cause)
+        self._computing.append(Computing(now_ns, reaction[0]))
+        return reaction
+
+
+def run_with_timeline(scenario: Scenario, progress: Progress = no_progress) -> tuple[Outcome, Timeline]:
+    """Run a scenario inline; under `bits`, since frames take no time under `functional`."""
+    timeline = Timeline()
+    return run_inline(scenario, progress, seat=timeline.seat), timeline
