@@ -66,7 +66,9 @@ def run_on_bus(
         check_silence(port, place, codec, external)
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
             nodes = _processes(scenario, place, elsewhere, Path(folder))
-            witness = WallWitness(scenario, codec) if by_wall else Witness(scenario, codec)
+            witness = Witness(scenario, codec)
+            if by_wall:
+                witness = WallWitness(scenario, codec, external, lambda: sum(port.errors.counts.values()))
             try:
                 for name in external:
                     notice(expectation(scenario, name))

@@ -53,10 +53,13 @@ class Timeline:
         """Yield the frames that were queued from one instant on and before another."""
         return (frame for frame in self.frames if begins_ns <= frame.queued_ns < ends_ns)
 
-    def woken(self, node: str, period_ns: int, cycles: int) -> list[bool]:
-        """Return in which cycles of a run a node was woken."""
-        found = {begins_ns // period_ns for begins_ns, _ in self.computing[node]}
-        return [cycle in found for cycle in range(cycles)]
+    def woken(self, period_ns: int, cycles: int) -> dict[str, list[bool]]:
+        """Return in which cycles of a run each node was woken."""
+        found = {}
+        for name, computing in self.computing.items():
+            begun = {begins_ns // period_ns for begins_ns, _ in computing}
+            found[name] = [cycle in begun for cycle in range(cycles)]
+        return found
 
 
 class _Watched(Direct):

@@ -1,0 +1,120 @@
+"""The analysis of a scenario's cycle beside what was measured of it, message by message, ready for JSON."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from dbc.compiler import describe_arm
+from hil.constants import cycle_frames
+from hil.scenario import Scenario
+from hil.timing.analysis import NS_A_SECOND
+from hil.timing.cycle import Bound, Late
+from hil.timing.measured import seconds
+from hil.timing.response_time import Errors
+from hil.timing.rig_cycle import STATUS, Spans, by_joints, cycle_of, lowest_bitrate, worst_spans
+from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
+from hil.wire.rates import Rates
+
+BY_TURNS = ("State", "Heartbeat")
+Seen = Mapping[str, Mapping[str, Any]]
+"""Of messages by name: their response as a distribution [s]; spans_ns: shortest and longest frame, where known."""
+
+
+class Analysis:
+    """Bounds of one scenario. late: the frame that may not end with its cycle; worst, flexible: of all, as CAN FD."""
+
+    def __init__(self, scenario: Scenario, data_bit_ns: int, errors: Errors | None = None) -> None:
+        """data_bit_ns: of CAN FD, to be put beside."""
+        self.scenario = scenario
+        self.cycle = cycle_of(scenario)
+        self.rates, self.fd_rates = Rates(scenario.bit_ns), Rates(scenario.bit_ns, data_bit_ns)
+        self.errors = errors
+        self.late, self.worst = self._bounded(self.rates)
+        _, self.flexible = self._bounded(self.fd_rates)
+
+    def _bounded(self, rates: Rates, spans: Spans | None = None) -> tuple[str | None, dict[str, Bound] | None]:
+        try:
+            return None, self.cycle.bounds(rates, spans, self.errors)
+        except Late as late:
+            return str(late), None
+
+    def to_json(self, seen: Seen, by_answer: bool = False) -> dict[str, Any]:
+        """Return all bounds beside what was seen; by_answer: responses are counted from the frame that is answered."""
+        data_bit_ns = self.fd_rates.data_bit_ns or self.rates.bit_ns
+        return {
+            "scenario": self.scenario.name,
+            "clock": self.scenario.clock.kind,
+            "bitrate": self.rates.bitrate,
+            "data_bitrate": NS_A_SECOND / data_bit_ns,
+            "period_s": self.scenario.clock.period_s,
+            "utilisation": self._utilisation(),
+            "meets_deadlines": self.worst is not None,
+            "late": self.late,
+            "lowest_bitrate": lowest_bitrate(self.cycle, errors=self.errors),
+            "by_joints": by_joints(self.cycle, data_bit_ns),
+            "messages": self._rows(seen, by_answer),
+            "chains": [],
+        }
+
+    def _utilisation(self) -> float:
+        """Return the share of time that the longest frames of a cycle take."""
+        spans = worst_spans(self.cycle.joints, self.rates).values()
+        rest_ns = INTERMISSION_BITS * self.rates.bit_ns
+        return sum(longest_ns + rest_ns for _, longest_ns in spans) / self.cycle.period_ns
+
+    def _actual_spans(self, seen: Seen) -> Spans:
+        """Return the shortest and longest frame of each slot that a run has shown."""
+        spans = dict(worst_spans(self.cycle.joints, self.rates))
+        for slot in spans:
+            names = [name for name in seen if (name.startswith(BY_TURNS) if slot == STATUS else name == slot)]
+            shown = [seen[name]["spans_ns"] for name in names if "spans_ns" in seen[name]]
+            if shown:
+                spans[slot] = min(shortest for shortest, _ in shown), max(longest for _, longest in shown)
+        return spans
+
+    def _rows(self, seen: Seen, by_answer: bool) -> list[dict[str, Any]]:
+        """Return a row for each message of the run, by identifier; those of set-up and Stop have none."""
+        _, actual = self._bounded(self.rates, self._actual_spans(seen)) if seen else (None, None)
+        lengths = cycle_frames(self.cycle.joints)
+        rows = []
+        for message in describe_arm(self.cycle.joints):
+            slot = STATUS if message.name.startswith(BY_TURNS) else message.name
+            if slot in lengths:
+                bounds = [None if each is None else each[slot] for each in (self.worst, actual, self.flexible)]
+                row = self._fixed(message.name, lengths[slot], bounds[0])
+                row |= self._responses(bounds, seen.get(message.name, {}), by_answer)
+                rows.append({"name": message.name, "identifier": message.identifier} | row)
+        return rows
+
+    def _fixed(self, name: str, length: int, bound: Bound | None) -> dict[str, Any]:
+        """Return what does not hang on a run. deadline_s: what is left of the cycle when it is queued at the latest."""
+        turns = 2 * (self.cycle.joints + 2) if name.startswith(BY_TURNS) else 1
+        deadline_ns = None if bound is None else self.cycle.period_ns - bound.latest_ns
+        return {
+            "period_s": turns * self.scenario.clock.period_s,
+            "queued_s": None if bound is None else [seconds(bound.earliest_ns), seconds(bound.latest_ns)],
+            "deadline_s": seconds(deadline_ns),
+            "meets_deadline": bound is not None and deadline_ns is not None and bound.response_ns <= deadline_ns,
+            "bits_worst": worst_case_bits(length) + INTERMISSION_BITS,
+        }
+
+    def _responses(self, bounds: list[Bound | None], seen: Mapping[str, Any], by_answer: bool) -> dict[str, Any]:
+        """Return bounds with the longest frames, with those of the run, as CAN FD; what was measured beside."""
+        waits = [None if bound is None else bound.response_ns + by_answer * bound.slot.delay_ns for bound in bounds]
+        bound_s, actual_s, flexible_s = (seconds(each) for each in waits)
+        response = seen.get("response")
+        largest_s = None if response is None else response["max_s"]
+        spans_ns = seen.get("spans_ns")
+        return {
+            "bits_max": None if spans_ns is None else spans_ns[1] // self.rates.bit_ns + INTERMISSION_BITS,
+            "response_bound_s": bound_s,
+            "response_bound_actual_s": None if spans_ns is None else actual_s,
+            "response_bound_fd_s": flexible_s,
+            "response_max_s": largest_s,
+            "max_to_bound": _ratio(largest_s, bound_s),
+            "max_to_bound_actual": None if spans_ns is None else _ratio(largest_s, actual_s),
+            "response": response,
+        }
+
+
+def _ratio(measured_s: float | None, bound_s: float | None) -> float | None:
+    return None if measured_s is None or bound_s is None else measured_s / bound_s
