@@ -9,7 +9,6 @@ import json
 import os
 import sys
 import time
-from datetime import datetime
 from importlib import metadata
 from math import inf
 from pathlib import Path
@@ -20,7 +19,22 @@ import typer
 from hil.addresses import restart_at_fixed_addresses
 from hil.doctor.command import doctor
 from hil.errors import FaultError, OutputError
-from hil.options import BusKwargs, Interface, bus_options
+from hil.options import (
+    At,
+    BusKwargs,
+    ChannelName,
+    ClockKind,
+    External,
+    Interface,
+    ScenarioName,
+    ScenarioOption,
+    Settings,
+    channels_of,
+    dilated,
+    new_folder,
+    place_of,
+    with_clock,
+)
 from hil.reported import reported
 from hil.timing.command import timing
 
@@ -28,14 +42,6 @@ if TYPE_CHECKING:
     from hil.rig import Outcome
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-
-ScenarioName = Annotated[str, typer.Argument(help="A built-in scenario's name, or a .toml file.")]
-Settings = Annotated[list[str], typer.Option("--set", metavar="PATH=VALUE", help="Set one value of the scenario.")]
-ChannelName = Annotated[str, typer.Option("--channel", "-c", help="Name of the bus.")]
-ClockKind = Annotated[
-    Literal["virtual", "sync", "wall"] | None,
-    typer.Option("--clock", help="Who advances time; default: virtual on the interface hil, sync on all others."),
-]
 
 
 def _age_s() -> float:
@@ -48,26 +54,6 @@ def _age_s() -> float:
 
 
 _IMPORTED = time.perf_counter()
-
-
-def _place(interface: str, channel: str | None, bus_kwargs: str, clock: str) -> Any:
-    """Return where the bus is that has no virtual time, None for the rig's own."""
-    from hil.can_node import Place
-
-    if interface == "hil" and clock == "virtual":
-        return None
-    options = bus_options(bus_kwargs)
-    if channel is None:
-        raise typer.BadParameter(f"--interface {interface} needs --channel, for example --channel vcan0")
-    return Place(interface, channel, options)
-
-
-def _channels(at: list[str]) -> dict[str, str]:
-    """Return the channel of each node that is not at the rig's."""
-    pairs = [each.partition("=") for each in at]
-    if not all(equals and channel for _, equals, channel in pairs):
-        raise typer.BadParameter(f"--at {' '.join(at)}: write NODE=CHANNEL, for example --at joint2=can1")
-    return {name: channel for name, _, channel in pairs}
 
 
 @app.command()
@@ -92,12 +78,8 @@ def run(
     interface: Interface = "hil",
     bus_kwargs: BusKwargs = "{}",
     clock: ClockKind = None,
-    external: Annotated[
-        list[str], typer.Option("--external", metavar="NODE", help="Somebody else plays this node (repeatable).")
-    ] = [],  # noqa: B006 (as above)
-    at: Annotated[
-        list[str], typer.Option("--at", metavar="NODE=CHANNEL", help="This node is at another channel (repeatable).")
-    ] = [],  # noqa: B006 (as above)
+    external: External = [],  # noqa: B006 (as above)
+    at: At = [],  # noqa: B006 (as above)
 ) -> None:
     """Run an experiment: every node a process, over CAN in virtual time, or on any CAN interface (clock sync, wall)."""
     from hil import scenario_file, show
@@ -105,15 +87,15 @@ def run(
     from hil.rig import run_inline
     from hil.warn import warnings
 
-    chosen = scenario_file.load(scenario, _with_clock(settings, clock))
-    place = _place(interface, channel, bus_kwargs, chosen.clock.kind)
+    chosen = scenario_file.load(scenario, with_clock(settings, clock))
+    place = place_of(interface, channel, bus_kwargs, chosen.clock.kind)
     if pace is not None and place is not None:
-        chosen = _dilated(chosen, pace)
+        chosen = dilated(chosen, pace)
     if inline and (pace is not None or place is not None):
         raise typer.BadParameter("--inline with --pace, --interface or another clock than virtual: leave --inline out")
     if place is None and (external or at):
         raise typer.BadParameter("--external and --at need a bus without time of its own: --clock sync or wall")
-    out = _folder(out, as_json, chosen.name)
+    out = new_folder(out, as_json, chosen.name)
     age_s = _age_s()
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, notice):
         for text in warnings(chosen):
@@ -121,7 +103,7 @@ def run(
         if place is not None:
             from hil.bus_rig import run_on_bus
 
-            outcome = run_on_bus(chosen, place, external, _channels(at), step, notice, patience or inf)
+            outcome = run_on_bus(chosen, place, external, channels_of(at), step, notice, patience or inf)
         elif inline:
             outcome = run_inline(chosen, step)
         else:
@@ -129,30 +111,6 @@ def run(
                 chosen, channel or f"run-{os.getpid()}", step, notice, patience or 20.0, pace or inf
             )
     _conclude(outcome, age_s, as_json, out)
-
-
-def _with_clock(settings: list[str], clock: str | None) -> list[str]:
-    return settings if clock is None else [*settings, f"clock.kind={clock}"]
-
-
-def _dilated(scenario: Any, pace: float) -> Any:
-    """Return the scenario with this pace of the clock `wall`."""
-    if scenario.clock.kind != "wall" or pace > 1.0:
-        raise typer.BadParameter(
-            f"--pace {pace:g} on a bus without time of its own: only --clock wall has one, of at most 1"
-        )
-    return scenario.model_copy(update={"clock": scenario.clock.model_copy(update={"pace": pace})})
-
-
-def _folder(out: Path | None, as_json: bool, name: str) -> Path | None:
-    """Return the folder to write to, one of its own in runs/ by default; refuse one that holds something."""
-    from hil import record
-
-    if out is None and not as_json:
-        out = Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
-    if out is not None:
-        record.check_new(out)
-    return out
 
 
 def _conclude(outcome: "Outcome", age_s: float, as_json: bool, out: Path | None) -> None:
@@ -262,7 +220,7 @@ def paper(
     from hil.paper import reproduce
     from hil.paper.report import to_json
 
-    out = _folder(out, as_json, "paper")
+    out = new_folder(out, as_json, "paper")
     with show.progress("paper", quiet=as_json) as (step, _notice):
         found = reproduce.reproduce(out, jobs, step, only)
     print(json.dumps(to_json(found), allow_nan=False)) if as_json else show.report(found, bool(only), out)
@@ -276,7 +234,7 @@ def node(
     interface: Interface = "hil",
     bus_kwargs: BusKwargs = "{}",
     channel: ChannelName = "arm",
-    scenario: Annotated[str, typer.Option("--scenario", help="Built-in scenario or .toml file.")] = "paper-joint",
+    scenario: ScenarioOption = "paper-joint",
     settings: Settings = [],  # noqa: B006 (as above)
     clock: ClockKind = None,
     pace: Annotated[float | None, typer.Option(min=1e-6, max=1.0, help="Of the clock wall, as the rig's.")] = None,
@@ -292,11 +250,11 @@ def node(
     if (role == "joint") != (number is not None):
         raise typer.BadParameter("write plant, dsp, or joint N")
     name = role if number is None else f"{role}{number}"
-    chosen = scenario_file.load(scenario, _with_clock(settings, clock))
+    chosen = scenario_file.load(scenario, with_clock(settings, clock))
     check_node_name(chosen, name)
-    place = _place(interface, channel, bus_kwargs, chosen.clock.kind)
+    place = place_of(interface, channel, bus_kwargs, chosen.clock.kind)
     if pace is not None:
-        chosen = _dilated(chosen, pace)
+        chosen = dilated(chosen, pace)
     print(f"{name} of {chosen.name} on channel {channel}", flush=True)
     if place is not None:
         check_place(place, chosen)

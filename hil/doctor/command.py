@@ -6,16 +6,16 @@ from typing import Annotated
 import typer
 
 from hil.errors import ChannelError
-from hil.options import BusKwargs, bus_options
+from hil.options import BusKwargs, ChannelName, ScenarioOption, bus_options
 from hil.reported import reported
 
 
 @reported
 def doctor(
     interface: Annotated[str, typer.Option("--interface", "-i", help="python-can interface.")] = "socketcan",
-    channel: Annotated[str, typer.Option("--channel", "-c", help="Name of the bus.")] = "can0",
+    channel: ChannelName = "can0",
     bus_kwargs: BusKwargs = "{}",
-    scenario: Annotated[str, typer.Option("--scenario", help="Built-in scenario or .toml file.")] = "paper-joint",
+    scenario: ScenarioOption = "paper-joint",
     listen: Annotated[float, typer.Option(min=0.0, max=3600.0, help="Seconds to listen for other traffic.")] = 1.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:

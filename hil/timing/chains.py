@@ -60,20 +60,20 @@ class Chain:
 
 @dataclass(frozen=True)
 class Run:
-    """What chains are made of. instants: of messages by cycle; woken: in which cycles each node was (cycles,)."""
+    """What chains are made of. instants: of messages by cycle; silent: in which cycles each node gave no answer."""
 
     scenario: Scenario
     instants: dict[str, Array]
-    woken: dict[str, Bools]
+    silent: dict[str, Bools]
 
     def of(self, name: str) -> Array:
         """Return the instants of a message, nan where there was none."""
         return self.instants.get(name, np.full((self.scenario.cycles, 3), np.nan))
 
     def computes(self, node: str, asked: Array, answer: Array, declared_ns: float) -> Part:
-        """Return how long a node computed; for ever where it was not even woken by what it heard."""
+        """Return how long a node computed; for ever where it gave no answer to what it heard."""
         lasts_ns = answer[:, QUEUED] - asked[:, ENDS]
-        silent = np.isnan(lasts_ns) & ~np.isnan(asked[:, ENDS]) & ~self.woken[node]
+        silent = np.isnan(lasts_ns) & ~np.isnan(asked[:, ENDS]) & self.silent[node]
         return Part(f"{node} computes", COMPUTING, np.where(silent, np.inf, lasts_ns), declared_ns)
 
 

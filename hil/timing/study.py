@@ -37,7 +37,7 @@ def study(
         return Study(analysis.to_json({}))
     outcome, timeline = run_with_timeline(scenario, progress)
     codec = load_arm()
-    woken = {name: np.array(each) for name, each in timeline.woken(scenario.period_ns, scenario.cycles).items()}
-    links = chains(Run(scenario, by_cycle(timeline, scenario, codec), woken), analysis.worst)
+    silent = {name: np.array(each) for name, each in timeline.silent(scenario.period_ns, scenario.cycles).items()}
+    links = chains(Run(scenario, by_cycle(timeline, scenario, codec), silent), analysis.worst)
     found = analysis.to_json(responses(timeline, scenario, codec))
     return Study(found | {"chains": [to_json(chain) for chain in links]}, outcome, timeline, tuple(links))

@@ -23,10 +23,11 @@ class FrameTime(NamedTuple):
 
 
 class Computing(NamedTuple):
-    """One wake-up of a node: when, and how long it computed."""
+    """One wake-up of a node: when, how long it computed, and whether a frame woke it that it does not answer."""
 
     begins_ns: int
     lasts_ns: int
+    silent: bool
 
 
 class Timeline:
@@ -53,11 +54,11 @@ class Timeline:
         """Yield the frames that were queued from one instant on and before another."""
         return (frame for frame in self.frames if begins_ns <= frame.queued_ns < ends_ns)
 
-    def woken(self, period_ns: int, cycles: int) -> dict[str, list[bool]]:
-        """Return in which cycles of a run each node was woken."""
+    def silent(self, period_ns: int, cycles: int) -> dict[str, list[bool]]:
+        """Return of each node in which cycles of a run it was woken by a frame, and queued none."""
         found = {}
         for name, computing in self.computing.items():
-            begun = {begins_ns // period_ns for begins_ns, _ in computing}
+            begun = {begins_ns // period_ns for begins_ns, _, silent in computing if silent}
             found[name] = [cycle in begun for cycle in range(cycles)]
         return found
 
@@ -72,7 +73,7 @@ class _Watched(Direct):
     def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
         """Hand over, and note how long it computes."""
         reaction = super().wake(now_ns, stored, cause)
-        self._computing.append(Computing(now_ns, reaction[0]))
+        self._computing.append(Computing(now_ns, reaction[0], cause is not None and not reaction[2]))
         return reaction
 
 
