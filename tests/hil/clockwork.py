@@ -5,7 +5,7 @@ cut off its bus, a frame lost, a stamp wrong.
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from heapq import heappop, heappush
 
 from dbc.compiler import load_arm
@@ -39,6 +39,7 @@ class Clockwork:
     """Runs a scenario. frozen, deaf: (from, until) in ns since Sync 0, by node; deaf: nothing in or out.
 
     lose: whether nobody gets this frame. shift: what a stamp is wrong by. reset: when a node begins anew, by node.
+    external, errors: what the rig knows of somebody else's nodes, and of errors on its bus.
     """
 
     def __init__(
@@ -49,11 +50,13 @@ class Clockwork:
         lose: Callable[[int, bytes], bool] = lambda _identifier, _data: False,
         shift: Callable[[int, int], int] = lambda _identifier, _at_ns: 0,
         reset: Mapping[str, int] | None = None,
+        external: Collection[str] = (),
+        errors: Callable[[], int] = lambda: 0,
     ) -> None:
         self.scenario = scenario
         self.processes = {n.name: Process(make_wall_drive(n, scenario, CODEC)) for n in build_nodes(scenario)}
         self.reset = reset or {}
-        self.witness = WallWitness(scenario, CODEC)
+        self.witness = WallWitness(scenario, CODEC, external, errors)
         self.stretch = 1.0 / scenario.clock.pace
         self.frozen, self.deaf, self.lose, self.shift = frozen or {}, deaf or {}, lose, shift
         self.began_ns: int | None = None

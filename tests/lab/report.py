@@ -38,6 +38,10 @@ ROWS = {
         "payloads compared with `functional`; overruns, latency quantiles (p50, p99, p99.9, max) and histogram; "
         "`canbusload -e` against bits per wall second",
     ),
+    "timing": (
+        "`hil timing -c vcan0`, clock `wall`, dilated",
+        "response of every message as quantiles beside its bound; the bound exceeded by the lab's host, misses counted",
+    ),
     "wall-trouble": (
         "interface down and up, link cut, node killed and restarted, clock `wall`",
         "the brake is commanded within 3 periods; the rig says what happened; nothing hangs",

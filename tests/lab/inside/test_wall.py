@@ -1,5 +1,6 @@
 """The rig by the machine's clock, dilated as far as the lab needs: payloads, latencies, load, and what may go wrong."""
 
+import json
 import os
 import re
 import signal
@@ -152,6 +153,27 @@ def test_stamps_of_the_controller_are_read_where_there_are_any(vcan: str, join: 
     assert port.by_controller.bare == 1
     port.close()
     got("SO_TIMESTAMPING asked for: vcan0 has no controller, so the kernel's stamp was taken, and counted")
+
+
+@pytest.mark.row("timing")
+def test_responses_by_the_clock(vcan: str, tmp_path: Path, got: Got) -> None:
+    """The command, as a user types it; the lab's processes take milliseconds where a board takes 125 us."""
+    settings = [f"--set={each}" for each in rig.settings(SHORT_S)]
+    words = ("timing", "paper-joint", "-i", "socketcan", "-c", vcan, "--pace", str(1 / DILATION), "--json", *settings)
+    out, err = warm.hil(tmp_path, *words).communicate()
+    found = json.loads(out)
+    cycles = round(SHORT_S / 1e-3)
+    assert found["clock"] == "wall", err
+    for row in found["messages"]:
+        if row["name"].startswith(("Encoder", "Current", "AccelRef")):
+            response = row["response"]
+            assert response["count"] == sum(response["counts"]) == cycles
+            shown = ", ".join(f"{key.removesuffix('_s')} {response[key] * 1e3:.2f}" for key in QUANTILES)
+            ratio = row["max_to_bound"]
+            got(f"{row['name']}, ms: {shown}; bound {row['response_bound_s'] * 1e3:.3f}, largest / bound {ratio:.0f}")
+    for chain in found["chains"]:
+        got(f"{chain['name']}: largest {chain['measured']['max_s'] * 1e3:.2f} ms; missed {chain['misses']}")
+        assert sum(chain["misses"].values()) == 0
 
 
 # -- trouble --
