@@ -1,6 +1,7 @@
 """The invariants of ARCHITECTURE.md that can be read off the source."""
 
 import ast
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,12 @@ def test_functions_stay_below_60_lines(path: Path) -> None:
     functions = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.FunctionDef)]
     long = {f.name for f in functions if (f.end_lineno or 0) - f.lineno > 60}
     assert long <= {"_bind"}  # firmware_py/words.py: a list of one-line operations
+
+
+def test_every_package_is_installed() -> None:
+    """An editable install hides one that is forgotten."""
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    assert listed == sorted({".".join(path.relative_to(ROOT).parts[:-1]) for path in FILES})
 
 
 def test_every_dependency_has_its_reason_above_it() -> None:
