@@ -12,7 +12,9 @@ from hil.timing.measured import seconds
 from hil.timing.response_time import Errors
 from hil.timing.rig_cycle import STATUS, Spans, by_joints, cycle_of, lowest_bitrate, worst_spans
 from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
+from hil.wire.controller import QUEUE_DEPTH
 from hil.wire.rates import Rates
+from hil.witness import sender_of
 
 BY_TURNS = ("State", "Heartbeat")
 Seen = Mapping[str, Mapping[str, Any]]
@@ -51,6 +53,7 @@ class Analysis:
             "late": self.late,
             "lowest_bitrate": lowest_bitrate(self.cycle, errors=self.errors),
             "by_joints": by_joints(self.cycle, data_bit_ns),
+            "queues": self._queues(),
             "messages": self._rows(seen, by_answer),
             "chains": [],
         }
@@ -60,6 +63,15 @@ class Analysis:
         spans = worst_spans(self.cycle.joints, self.rates).values()
         rest_ns = INTERMISSION_BITS * self.rates.bit_ns
         return sum(longest_ns + rest_ns for _, longest_ns in spans) / self.cycle.period_ns
+
+    def _queues(self) -> list[dict[str, Any]]:
+        """Return the most frames of each node that can wait at once: those of one cycle, since all end with it."""
+        found = []
+        for node in self.scenario.node_names:
+            names = [name for name in cycle_frames(self.cycle.joints) if name == STATUS or sender_of(name) == node]
+            held = self.worst is not None and len(names) <= QUEUE_DEPTH
+            found.append({"node": node, "frames_at_most": len(names), "depth": QUEUE_DEPTH, "holds": held})
+        return found
 
     def _actual_spans(self, seen: Seen) -> Spans:
         """Return the shortest and longest frame of each slot that a run has shown."""

@@ -82,6 +82,22 @@ def test_a_first_frame_waits_for_nothing_and_a_second_for_the_first(paper_joint:
         assert encoder.starts_ns == sync.ends_ns + 3000
 
 
+@pytest.mark.parametrize("name", ["paper-joint", "five-joints"])
+def test_no_node_has_more_frames_waiting_than_said(name: str) -> None:
+    """Frames of a node that wait or are on the bus at once, counted from the timeline."""
+    found = study(loaded(name, "duration_s=0.2"), DATA_BIT_NS)
+    assert found.timeline is not None
+    most = {}
+    for node in ("plant", "dsp", "joint1"):
+        own = [frame for frame in found.timeline.frames if frame.sender == node and frame.queued_ns >= 0]
+        edges = sorted([(f.queued_ns, 1) for f in own] + [(f.ends_ns, -1) for f in own])
+        most[node] = max(np.cumsum([step for _, step in edges]))
+    queues = {each["node"]: each for each in found.found["queues"]}
+    assert most["plant"] == loaded(name).joints
+    assert all(most[node] <= queues[node]["frames_at_most"] for node in most)
+    assert all(each["holds"] and each["depth"] == 10 for each in queues.values())
+
+
 # -- bit rates and joints --
 
 
