@@ -1,5 +1,6 @@
 """How much inertia error, payload and g the loop bears, measured on the rig beside the theory of the sampled loop."""
 
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import product
@@ -8,13 +9,15 @@ from hil import scenario_file
 from hil.paper.deviation import evaluated
 from hil.paper.frequency_response import mean_delays
 from hil.paper.sampled_loop import Array
-from hil.paper.stability import bisect, failed, inertias_along, worst_radius
+from hil.paper.stability import failed, inertias_along, worst_radius
 from hil.rig import run_inline
 from hil.scenario import Scenario
 from hil.summary import deviations
 
 INERTIA_FACTORS = (0.5, 0.7, 0.85, 1.0, 1.15)
 PAYLOADS_KG = (0.0, 1.0, 2.0)
+TURNS = 8
+"""Halvings of the interval in which a limit is sought."""
 
 
 @dataclass(frozen=True)
@@ -86,3 +89,11 @@ def _limit(joint: int | None, delay_s: Array) -> Limit:
     measured = bisect(lambda value: not failed(at(value)), low, high)
     predicted = bisect(lambda value: worst_radius(at(value), inertias, delay_s) < 1.0, low, high)
     return Limit(what, measured, predicted)
+
+
+def bisect(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the largest value that holds, between low, which does, and high, to (high - low) / 2^TURNS."""
+    for _ in range(TURNS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low

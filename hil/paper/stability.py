@@ -4,8 +4,6 @@ A run has failed where it ends in a fault, an amplifier or a signal saturates, a
 oscillation grows. Units: rad, s.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from dbc.compiler import load_arm
@@ -19,20 +17,10 @@ from hil.summary import summarise
 from plant.array_form import inertia
 
 FAILED_RAD = 0.01
-TURNS = 8
-"""Halvings of the interval in which a limit is sought."""
 POSES = 31
 """Along the command, at which theory is asked; the least stable one counts."""
 GROWN = 2.0
 """From the second third of a run to the last one: what only rings dies away, or stays."""
-
-
-def bisect(holds: Callable[[float], bool], low: float, high: float, turns: int = TURNS) -> float:
-    """Return the largest value that holds, between low, which does, and high, to (high - low) / 2^turns."""
-    for _ in range(turns):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
-    return low
 
 
 # -- as the rig runs --
