@@ -8,7 +8,6 @@ run; friction, gravity, rounding, limits and contact are not in it. Units: s, ra
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import floor
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from hil.paper.sampled_loop import Array
 from hil.paper.stability import FAILED_RAD, failed, inertias_along, why_failed, worst_radius
 from hil.rig import run_inline
 from hil.scenario import Scenario
+from hil.timing.search import Largest, largest
 
 CEILING_PERIODS = 3
 """The longest dead time that is tried."""
@@ -29,8 +29,6 @@ LEAST_SHARE, MOST_FACTOR = 0.02, 4.0
 """From which share of its largest g is tried, and from which factor and up to which Jn is."""
 COARSE, FINE = 256, 16_384
 """Steps in which a limit is sought: of 12 us of delay at 1 ms, 4 rad/s of g, 0.016 of Jn; theory costs less."""
-NEAR = 0.1
-"""How far below and above the prediction is tried first."""
 DEVIATES = 4.0
 """Times the deviation of the scenario as it is, at which a loop counts as failed, but no less than FAILED_RAD."""
 
@@ -51,14 +49,6 @@ class Rig:
     bound_rad: float
     inertias: Array
     without_theory: str
-
-
-@dataclass(frozen=True)
-class Largest:
-    """The largest value that holds; None if not even the least one does. beyond: it is the ceiling, and that holds."""
-
-    value: float | None
-    beyond: bool = False
 
 
 @dataclass(frozen=True)
@@ -130,9 +120,9 @@ def delay_margin(rig: Rig, joint: int, jitter_s: float = 0.0) -> DelayMargin:
 
         return found
 
-    by_mean = _predicted(rig, at(0.5), 0.0, ceiling_s)
-    by_largest = _predicted(rig, at(1.0), 0.0, ceiling_s) if jitter_s else by_mean
-    return DelayMargin(joint, jitter_s, _measured(rig, at(0.5), 0.0, ceiling_s, by_mean), by_mean, by_largest)
+    measured, by_mean = _sought(rig, at(0.5), 0.0, 0.0, ceiling_s)
+    by_largest = _predicted(rig, at(1.0), 0.0, 0.0, ceiling_s) if jitter_s else by_mean
+    return DelayMargin(joint, jitter_s, measured, by_mean, by_largest)
 
 
 def largest_g(rig: Rig, extra_s: float) -> Raised:
@@ -142,8 +132,9 @@ def largest_g(rig: Rig, extra_s: float) -> Raised:
     def at(g: float) -> tuple[Scenario, Array]:
         return _with_joint(slow, g_rad_s=g), delay_s
 
-    most = _fitting(at, slow.joint.g_rad_s, 1.0 / slow.clock.period_s)
-    return _raised(rig, extra_s, at, LEAST_SHARE * most, most)
+    own = slow.joint.g_rad_s
+    most = _fitting(at, own, 1.0 / slow.clock.period_s)
+    return _raised(rig, extra_s, at, min(own, LEAST_SHARE * most), own, most)
 
 
 def largest_inertia(rig: Rig, extra_s: float) -> Raised:
@@ -153,7 +144,7 @@ def largest_inertia(rig: Rig, extra_s: float) -> Raised:
     def at(factor: float) -> tuple[Scenario, Array]:
         return _with_joint(slow, inertia_kg_m2=tuple(factor * Jn for Jn in slow.joint.inertia_kg_m2)), delay_s
 
-    return _raised(rig, extra_s, at, _fitting(at, 1.0, LEAST_SHARE), _fitting(at, 1.0, MOST_FACTOR))
+    return _raised(rig, extra_s, at, _fitting(at, 1.0, LEAST_SHARE), 1.0, _fitting(at, 1.0, MOST_FACTOR))
 
 
 def _slower(rig: Rig, extra_s: float) -> tuple[Scenario, Array]:
@@ -164,51 +155,28 @@ def _slower(rig: Rig, extra_s: float) -> tuple[Scenario, Array]:
 def _fitting(at: At, fits: float, end: float) -> float:
     """Return the value nearest to the end whose parameters fit the joints' integers, from one on whose do."""
     codec = load_arm()
-    share = largest(lambda share: _fits(at(fits + share * (end - fits))[0], codec), 0.0, 1.0, FINE).value
+    share = largest(lambda share: _fits(at(fits + share * (end - fits))[0], codec), 0.0, 1.0, FINE, 1.0).value
     return fits + (share or 0.0) * (end - fits)
 
 
-def _raised(rig: Rig, extra_s: float, at: At, low: float, high: float) -> Raised:
+def _raised(rig: Rig, extra_s: float, at: At, low: float, own: float, high: float) -> Raised:
     latency_s = float(np.mean(rig.delay_s)) + extra_s
-    predicted = _predicted(rig, at, low, high)
-    return Raised(extra_s, latency_s, _measured(rig, at, low, high, predicted), predicted)
+    return Raised(extra_s, latency_s, *_sought(rig, at, low, own, high))
 
 
-def _measured(rig: Rig, at: At, low: float, high: float, predicted: Largest | None) -> Largest:
-    guess = None if predicted is None else predicted.value
-    return largest(lambda value: not failed(at(value)[0], rig.bound_rad), low, high, COARSE, guess)
+def _sought(rig: Rig, at: At, low: float, own: float, high: float) -> tuple[Largest, Largest | None]:
+    """Return the limit as measured and as predicted; the prediction only says where to begin to measure."""
+    predicted = _predicted(rig, at, low, own, high)
+    begin = own if predicted is None or predicted.value is None else predicted.value
+    return largest(lambda value: not failed(at(value)[0], rig.bound_rad), low, high, COARSE, begin), predicted
 
 
-def _predicted(rig: Rig, at: At, low: float, high: float) -> Largest | None:
+def _predicted(rig: Rig, at: At, low: float, own: float, high: float) -> Largest | None:
     def stable(value: float) -> bool:
         scenario, delay_s = at(value)
         return worst_radius(scenario, rig.inertias, delay_s) < 1.0
 
-    return None if rig.without_theory else largest(stable, low, high, FINE)
-
-
-def largest(holds: Callable[[float], bool], low: float, high: float, steps: int, guess: float | None = None) -> Largest:
-    """Return the largest of so many steps from low to high that holds, by bisection; the ends where all hangs on them.
-
-    guess: a value near which it begins; that saves turns, and changes nothing else.
-    """
-
-    def at(step: int) -> bool:
-        return holds(low + step * (high - low) / steps)
-
-    good, bad = 0, steps
-    if guess is not None:
-        for step in (floor(steps * (guess * way - low) / (high - low)) for way in (1 - NEAR, 1 + NEAR)):
-            if good < step < bad:
-                good, bad = (step, bad) if at(step) else (good, step)
-    while bad - good > 1:
-        step = (good + bad) // 2
-        good, bad = (step, bad) if at(step) else (good, step)
-    if good == 0 and not at(0):
-        return Largest(None)
-    if bad == steps and at(steps):
-        return Largest(high, beyond=True)
-    return Largest(low + good * (high - low) / steps)
+    return None if rig.without_theory else largest(stable, low, high, FINE, own)
 
 
 # -- the same scenario with other values --

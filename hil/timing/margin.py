@@ -10,13 +10,13 @@ from hil.scenario import Scenario
 from hil.timing.limits import (
     CEILING_PERIODS,
     DelayMargin,
-    Largest,
     Raised,
     delay_margin,
     examine,
     largest_g,
     largest_inertia,
 )
+from hil.timing.search import Largest
 
 JITTERS = (0.1, 0.2)
 """Widths of the jitter, in periods: 100 and 200 us of 1 ms."""

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hil.figures import GRID, WIDTH_IN, Style, drawing, save
-from hil.timing.limits import DelayMargin, Largest, Raised
+from hil.timing.limits import DelayMargin, Raised
 from hil.timing.margin import Margins
+from hil.timing.search import Largest
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -3,8 +3,9 @@
 from rich.console import Console
 from rich.table import Table
 
-from hil.timing.limits import CEILING_PERIODS, DelayMargin, Largest, Raised
+from hil.timing.limits import CEILING_PERIODS, DelayMargin, Raised
 from hil.timing.margin import Margins, ratio
+from hil.timing.search import Largest
 
 
 def show_margins(console: Console, found: Margins) -> None:
@@ -16,7 +17,7 @@ def show_margins(console: Console, found: Margins) -> None:
     if found.largest_g:
         console.print(_raised(found))
     ceiling_us = CEILING_PERIODS * found.scenario.clock.period_s * 1e6
-    console.print(f"on top of what the scenario has; > {ceiling_us:g} us: does not fail up to there")
+    console.print(f"dead time on top of the scenario's own, {ceiling_us:g} us at most; >: does not fail up to there")
     if found.without_theory:
         console.print(f"no prediction: {found.without_theory}")
 
