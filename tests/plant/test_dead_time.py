@@ -47,6 +47,15 @@ def test_jitter_hangs_on_seed_joint_and_cycle_only():
     assert delays(DeadTime((0, 0), (300_000, 300_000), 1), 1, range(40)) != plain
 
 
+def test_currents_that_come_close_behind_each_other_keep_their_order():
+    """At the end of one cycle and the beginning of the next, 1 ns apart: half of the pairs would change places."""
+    dead_time = DeadTime((100_000,), (500_000,), 3)
+    came = [at_ns for k in range(0, 60, 2) for at_ns in ((k + 1) * T_NS - 1, (k + 1) * T_NS)]
+    applied = [dead_time.applied_ns(0, k, at_ns) for k, at_ns in enumerate(came)]
+    assert applied == sorted(applied)
+    assert 5 < sum(one == other for one, other in zip(applied[::2], applied[1::2], strict=True)) < 25
+
+
 @given(
     st.integers(0, 3 * T_NS),
     st.integers(0, T_NS),
