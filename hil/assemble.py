@@ -23,6 +23,7 @@ from hil.node import Node
 from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario
 from hil.scenario_parts import to_ns
 from plant.contact import Compliance
+from plant.dead_time import DeadTime
 from plant.external import ExternalTorque
 from plant.node import Plant
 from plant.parameters import ArmParameters
@@ -115,7 +116,15 @@ def build_plant(scenario: Scenario, codec: Codec, compiled: bool = False) -> Pla
     delays = constants.action_delays_ns(scenario)
     status, period_ns = _status(scenario, codec, 0), scenario.period_ns
     grasps = [(to_ns(grasp.at_s), to_ns(grasp.until_s)) for grasp in scenario.grasp]
-    return Plant(robot, codec, status, period_ns, delays, payloads(scenario), external_torques(scenario), grasps)
+    loads, torques = payloads(scenario), external_torques(scenario)
+    return Plant(robot, codec, status, period_ns, delays, loads, torques, grasps, dead_time(scenario))
+
+
+def dead_time(scenario: Scenario) -> DeadTime | None:
+    """Return the dead time of the amplifiers; None where they have none."""
+    drive, none = scenario.drive, (0.0,) * scenario.joints
+    dead, jitter = (list(map(to_ns, each or none)) for each in (drive.dead_time_s, drive.dead_time_jitter_s))
+    return DeadTime(dead, jitter, drive.seed) if any(dead + jitter) else None
 
 
 def build_world(scenario: Scenario) -> "World":

@@ -19,6 +19,7 @@ from hil.scenario_parts import (
     Period,
     Positive,
     Share,
+    ShortTime,
     Time,
     Way,
     to_ns,
@@ -79,6 +80,12 @@ class Drive(Part):
     torque_constant_N_m_A: tuple[Positive, ...] = (10.0, 6.0, 2.0)
     limit_A: Positive = 8.0
     lag_s: Annotated[float, Field(ge=0, le=1)] = 0.0
+    dead_time_s: tuple[ShortTime, ...] = ()
+    """From a current's arrival, or its action delay, to its application; default: none."""
+    dead_time_jitter_s: tuple[ShortTime, ...] = ()
+    """On top of it, drawn for every current between 0 and this; at most half a period; default: none."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Of the jitter."""
     ripple: tuple[Share, ...] = ()
     """Share of the torque constant that varies with the joint's angle; default: none."""
     ripple_order: tuple[Annotated[int, Field(ge=1)], ...] = ()

@@ -159,8 +159,7 @@ def check(scenario: Scenario) -> None:
         from hil.world_check import check_world  # with numpy, which a run without a world does without
 
         check_world(scenario)
-    if 0.0 < scenario.drive.lag_s < SHORTEST_LAG_S:
-        raise ScenarioError(f"drive.lag_s = {scenario.drive.lag_s}: 0 (none), or {SHORTEST_LAG_S} s and more")
+    _check_drive(scenario)
     for load in scenario.load:
         check_interval("load", load.at_s, load.until_s, scenario)
 
@@ -172,6 +171,18 @@ def _check_lengths(scenario: Scenario) -> None:
     for path, values in scenario.per_joint().items():
         if len(values) != joints:
             raise ScenarioError(f"{path} has {len(values)} entries, but arm.lengths_m has {joints}: one a joint")
+
+
+def _check_drive(scenario: Scenario) -> None:
+    drive, period_s = scenario.drive, scenario.clock.period_s
+    if 0.0 < drive.lag_s < SHORTEST_LAG_S:
+        raise ScenarioError(f"drive.lag_s = {drive.lag_s}: 0 (none), or {SHORTEST_LAG_S} s and more")
+    for n, jitter_s in enumerate(drive.dead_time_jitter_s):
+        if jitter_s > 0.5 * period_s:
+            raise ScenarioError(
+                f"drive.dead_time_jitter_s.{n} = {jitter_s} is beyond half of clock.period_s = {period_s}: a current "
+                "could overtake the one before: lower it"
+            )
 
 
 def _check_spaces(scenario: Scenario) -> None:

@@ -23,6 +23,7 @@ def _whole_ns(seconds: float) -> float:
 
 
 Time = Annotated[float, Field(ge=0, le=3600), AfterValidator(_whole_ns)]
+ShortTime = Annotated[float, Field(ge=0, le=1), AfterValidator(_whole_ns)]
 MoveTime = Annotated[float, Field(ge=1e-3, le=3600)]
 Duration = Annotated[float, Field(gt=0, le=3600), AfterValidator(_whole_ns)]
 Period = Annotated[float, Field(gt=0, le=1), AfterValidator(_whole_ns)]

@@ -13,6 +13,7 @@ from typing import Any
 from dbc.codec import Codec
 from dbc.status import Status
 from plant.contact import Touch
+from plant.dead_time import DeadTime
 from plant.external import ExternalTorque, changes
 from plant.robot import Robot
 
@@ -29,7 +30,7 @@ class Plant:
 
     payloads: (mass on the hand in kg, from ns on); action_delay_ns: for each joint, the least time
     after its cycle's start at which a current acts (0 where the bus itself takes time); one that comes later in its
-    cycle acts then, and is overdue. torques: from outside.
+    cycle acts then, and is overdue. dead_time: of the amplifiers, behind all that. torques: from outside.
     grasps: (when the hand closes, when it opens), ns, for each payload of the robot's world.
     """
 
@@ -46,8 +47,10 @@ class Plant:
         payloads: Sequence[tuple[float, int]] = (),
         torques: Sequence[ExternalTorque] = (),
         grasps: Sequence[tuple[int, int]] = (),
+        dead_time: DeadTime | None = None,
     ) -> None:
         self.torques = torques
+        self.dead_time = dead_time
         self.robot = robot
         self.status = status
         self.period_ns = period_ns
@@ -141,7 +144,10 @@ class Plant:
         delay_ns = self.action_delay_ns[joint - 1]
         acts_ns = (period - age) * self.period_ns + delay_ns
         self.overdue_currents += age == 0 and delay_ns > 0 and acts_ns < at_ns
-        self.robot.set_current(joint, counts, max(at_ns, acts_ns))
+        acts_ns = max(at_ns, acts_ns)
+        if self.dead_time is not None:
+            acts_ns = self.dead_time.applied_ns(joint - 1, period - age, acts_ns)
+        self.robot.set_current(joint, counts, acts_ns)
 
     def _count_missing(self) -> None:
         """Count joints whose Current of the period that ends did not come; the amplifier held the last one."""

@@ -14,6 +14,8 @@ import numpy as np
 
 from dbc.compiler import load_arm
 from hil import scenario_file
+from hil.assemble import dead_time
+from hil.constants import action_delays_ns
 from hil.evaluate import Evaluation, evaluate, frames_of_cycles
 from hil.paper.sampled_loop import Array, Complex, Loop
 from hil.rig import Outcome, run_inline
@@ -100,12 +102,17 @@ def _sensitivity(outcome: Outcome, evaluation: Evaluation, rad_s: float, window:
 
 
 def action_instants(outcome: Outcome) -> Array:
-    """Return when each joint's current of every cycle acted [s], (K, n): the end of its frame."""
+    """Return when each joint's current of every cycle acted [s], (K, n): behind its action delay and dead time."""
     scenario, codec = outcome.scenario, load_arm()
+    delays_ns, dead = action_delays_ns(scenario), dead_time(scenario)
     instants = np.full((scenario.cycles, scenario.joints), np.nan)
     joints = {codec[f"Current_{n + 1}"].identifier: n for n in range(scenario.joints)}
     for cycle, end_ns, identifier, _ in frames_of_cycles(outcome, codec, joints):
-        instants[cycle, joints[identifier]] = end_ns * 1e-9
+        joint = joints[identifier]
+        acts_ns = max(end_ns, cycle * scenario.period_ns + delays_ns[joint])
+        if dead is not None:
+            acts_ns = dead.applied_ns(joint, cycle, acts_ns)
+        instants[cycle, joint] = acts_ns * 1e-9
     return instants
 
 

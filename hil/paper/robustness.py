@@ -1,34 +1,23 @@
-"""How much inertia error, payload and g the loop bears, measured on the rig beside the theory of the sampled loop.
-
-A loop has failed where a run ends in a fault, an amplifier or a signal saturates, or a joint deviates by FAILED_RAD.
-"""
+"""How much inertia error, payload and g the loop bears, measured on the rig beside the theory of the sampled loop."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import product
 
-import numpy as np
-
-from dbc.compiler import load_arm
 from hil import scenario_file
-from hil.assemble import arm_parameters, joint_trajectory
-from hil.evaluate import evaluate
 from hil.paper.deviation import evaluated
 from hil.paper.frequency_response import mean_delays
-from hil.paper.sampled_loop import Array, spectral_radius
+from hil.paper.sampled_loop import Array
+from hil.paper.stability import failed, inertias_along, worst_radius
 from hil.rig import run_inline
 from hil.scenario import Scenario
-from hil.summary import deviations, summarise
-from plant.array_form import inertia
+from hil.summary import deviations
 
 INERTIA_FACTORS = (0.5, 0.7, 0.85, 1.0, 1.15)
 PAYLOADS_KG = (0.0, 1.0, 2.0)
-FAILED_RAD = 0.01
 TURNS = 8
 """Halvings of the interval in which a limit is sought."""
-POSES = 31
-"""Along the command, at which theory is asked; the least stable one counts."""
 
 
 @dataclass(frozen=True)
@@ -108,27 +97,3 @@ def bisect(holds: Callable[[float], bool], low: float, high: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
     return low
-
-
-def failed(scenario: Scenario) -> bool:
-    """Return whether the loop of a scenario fails."""
-    outcome = run_inline(scenario)
-    evaluation = evaluate(outcome)
-    summary = summarise(outcome, evaluation, 0.0)
-    if evaluation is None or summary["faults"] or summary["saturations"]:
-        return True
-    return bool(np.max(np.abs(evaluation.deviation)) > FAILED_RAD)
-
-
-def inertias_along(scenario: Scenario) -> Array:
-    """Return M (K, n, n) at poses along the commanded motion."""
-    motion = joint_trajectory(scenario)
-    q = np.array([motion.at(t_s)[0] for t_s in np.linspace(0.0, motion.time_s, POSES)])
-    return inertia(arm_parameters(scenario, load_arm()), q, np.zeros(len(q)))
-
-
-def worst_radius(scenario: Scenario, inertias: Array, delay_s: Array) -> float:
-    """Return the largest spectral radius at these inertia matrices (K, n, n), with these delays [s]."""
-    joint, dsp, period_s = scenario.joint, scenario.dsp, scenario.clock.period_s
-    gains = dsp.k1_1_s, dsp.k2_1_s2
-    return max(spectral_radius(M, joint.inertia_kg_m2, joint.g_rad_s, gains, period_s, delay_s) for M in inertias)

@@ -73,8 +73,8 @@ def spectral_radius(
 ) -> float:
     """Return the largest modulus of the closed loop's eigenvalues at one pose: stable below 1.
 
-    inertia: M (n, n) of the pose; nominal: Jn (n) of the controllers; delay_s: of each joint's current (n). Friction,
-    gravity, rounding and limits are left out.
+    inertia: M (n, n) of the pose; nominal: Jn (n) of the controllers; delay_s: of each joint's current (n), which may
+    be longer than a period. Friction, gravity, rounding and limits are left out.
     """
     return float(np.max(np.abs(np.linalg.eigvals(_transition(inertia, nominal, g, gains, period_s, delay_s)))))
 
@@ -82,15 +82,23 @@ def spectral_radius(
 def _transition(
     inertia: Array, nominal: Sequence[float], g: float, gains: tuple[float, float], period_s: float, delay_s: Array
 ) -> Array:
-    """Return A of x(k+1) = A x(k), x = (q, q', q before, sum of g T a, a, u before), each (n)."""
+    """Return A of x(k+1) = A x(k), x = (q, q', q before, sum of g T a, a, u before, u before that, ..), each (n).
+
+    A delay is d whole periods and a rest: until the rest is over, u of d + 1 cycles ago acts, then that of d ago.
+    """
     n, T = len(inertia), period_s
+    whole = np.floor(delay_s / T).astype(int)
     one, none = np.eye(n), np.zeros((n, n))
-    q, v, before, total, a, held = (np.hstack([one if k == place else none for k in range(6)]) for place in range(6))
+    places = 6 + int(np.max(whole))
+    q, v, before, total, a, *past = (
+        np.hstack([one if k == place else none for k in range(places)]) for place in range(places)
+    )
     w = (q - before) / T
-    u = a + total - g * w
+    u = [a + total - g * w, *past]
+    held, acting = (np.array([u[d + older][joint] for joint, d in enumerate(whole)]) for older in (1, 0))
     to_acceleration = np.linalg.solve(inertia, np.diag(nominal))
-    old, new = np.diag(delay_s), np.diag(T - delay_s)
-    speed = v + to_acceleration @ (old @ held + new @ u)
-    position = q + T * v + to_acceleration @ (old @ (T * one - old / 2) @ held + new @ new / 2 @ u)
+    old, new = np.diag(delay_s - whole * T), np.diag(T - (delay_s - whole * T))
+    speed = v + to_acceleration @ (old @ held + new @ acting)
+    position = q + T * v + to_acceleration @ (old @ (T * one - old / 2) @ held + new @ new / 2 @ acting)
     k1, k2 = gains
-    return np.vstack([position, speed, q, total + g * T * a, -k1 * w - k2 * q, u])
+    return np.vstack([position, speed, q, total + g * T * a, -k1 * w - k2 * q, *u[:-1]])

@@ -4,6 +4,7 @@ import pytest
 
 from dbc.compiler import load_arm
 from dbc.status import Status
+from plant.dead_time import DeadTime
 from plant.node import Plant
 from plant.parameters import DEFAULT_ARM
 from plant.robot import Robot
@@ -18,9 +19,10 @@ def plant():
     return make_plant()
 
 
-def make_plant(action_delay_ns=(0, 0, 0), payloads=()):
+def make_plant(action_delay_ns=(0, 0, 0), payloads=(), dead_time=None):
     status = Status(CODEC, 0, 0, 5, T_NS, 160_000)
-    return Plant(Robot(DEFAULT_ARM, START, -2 * T_NS), CODEC, status, T_NS, action_delay_ns, payloads)
+    robot = Robot(DEFAULT_ARM, START, -2 * T_NS)
+    return Plant(robot, CODEC, status, T_NS, action_delay_ns, payloads, dead_time=dead_time)
 
 
 def current(plant, joint, cycle, counts, at_ns, corrupt=False):
@@ -93,6 +95,46 @@ def test_under_functional_it_acts_after_the_action_delay():
     late.on_timer(T_NS)
     early.on_timer(T_NS)
     assert late.robot.q == early.robot.q
+
+
+def test_dead_time_counts_from_the_arrival_and_may_last_for_periods():
+    """Against the robot itself, told the same by hand: of three cycles' currents two are on their way at once."""
+    dead_ns, arrives_ns = (0, 400_000, 2_300_000), (461_000, 700_000, 690_001)
+    plant = started(make_plant(dead_time=DeadTime(dead_ns, (0, 0, 0))))
+    robot = Robot(DEFAULT_ARM, START, 0)
+    robot.release_brakes(0)
+    for cycle in range(4):
+        for joint in (1, 2, 3):
+            at_ns = cycle * T_NS + arrives_ns[joint - 1]
+            current(plant, joint, cycle, 300 * joint + 50 * cycle, at_ns)
+            robot.set_current(joint, 300 * joint + 50 * cycle, at_ns + dead_ns[joint - 1])
+        plant.on_timer((cycle + 1) * T_NS)
+        robot.advance_to((cycle + 1) * T_NS)
+        assert (plant.robot.q, plant.robot.w, plant.robot.current_A) == (robot.q, robot.w, robot.current_A)
+
+
+def test_dead_time_adds_to_the_action_delay():
+    early = started(make_plant((462_000, 577_000, 692_000), dead_time=DeadTime((30_000, 40_000, 50_000), (0, 0, 0))))
+    late = started(make_plant((492_000, 617_000, 742_000)))
+    for plant in (early, late):
+        for joint in (1, 2, 3):
+            current(plant, joint, 0, 500, 0)
+        plant.on_timer(T_NS)
+    assert early.robot.q == late.robot.q
+
+
+def test_dead_time_makes_no_frame_late_and_forgives_none():
+    counts = []
+    for dead_time in (None, DeadTime((1_500_000,) * 3, (400_000,) * 3)):
+        plant = started(make_plant((300_000,) * 3, dead_time=dead_time))
+        for cycle in range(4):
+            current(plant, 1, cycle, 500, cycle * T_NS)
+            current(plant, 2, cycle, 500, cycle * T_NS + 300_001)  # overdue: behind its action delay
+            current(plant, 3, cycle - 1, 500, cycle * T_NS)  # late: of the cycle before
+            plant.on_timer((cycle + 1) * T_NS)
+        counts.append((plant.late_currents, plant.overdue_currents, plant.missed_currents, plant.state))
+    assert counts[0] == counts[1]
+    assert counts[0][:2] == (4, 4)
 
 
 def test_a_late_current_acts_when_it_comes_and_is_counted(plant):

@@ -8,12 +8,17 @@ import pytest
 from hil.paper.sampled_loop import Loop, first_order, spectral_radius
 
 T, G, K1, K2 = 0.001, 700.0, 90.0, 2000.0
+PINNED = {
+    (0.0, 0.0, 0.0): 0.9681384680017152,
+    (3.6e-4, 4.7e-4, 5.8e-4): 0.9681017954526564,
+    (9.99e-4, 2e-4, 9e-4): 0.9694361603210335,
+}
 FINE = 40
 """Parts of a period that the naive model integrates, and at which the Fourier sums look."""
 
 
 class Naive:
-    """Joints under M q" = Jn u - torque with the paper's law in floats; u acts `late` parts after its sample.
+    """Joints under M q" = Jn u - torque with the paper's law in floats; u acts `late` parts after its sample, for T.
 
     The observer is written as in the paper's derivation, t_dis_hat filtered: d' = g (u - d) - g q", not in the closed
     sum of the theory.
@@ -23,8 +28,9 @@ class Naive:
         self.acceleration_of = np.linalg.inv(M)
         self.nominal, self.g, self.late, self.lsb = np.array(nominal), g, late, lsb
         n = len(nominal)
-        self.q, self.v, self.acting = np.zeros(n), np.zeros(n), np.zeros(n)
-        self.seen, self.w, self.d, self.a, self.next_a, self.acting_a = (np.zeros(n) for _ in range(6))
+        self.q, self.v = np.zeros(n), np.zeros(n)
+        self.seen, self.w, self.d, self.a, self.next_a = (np.zeros(n) for _ in range(5))
+        self.commanded = []
         self.history = []
 
     def sample(self):
@@ -39,15 +45,22 @@ class Naive:
 
     def period(self, torque, t_s):
         u, dt = self.sample(), T / FINE
+        self.commanded.append(np.array([u, self.a]))
+        whole, rest = np.divmod(self.late, FINE)
+        before, behind = self.of_cycles_ago(whole + 1), self.of_cycles_ago(whole)
         for part in range(FINE):
-            acts = part >= self.late
-            self.acting, self.acting_a = np.where(acts, u, self.acting), np.where(acts, self.a, self.acting_a)
+            acting, acting_a = np.where(part >= rest, behind, before)
             push = torque(t_s + (part + 0.5) * dt)
-            acceleration = self.acceleration_of @ (self.nominal * self.acting - push)
+            acceleration = self.acceleration_of @ (self.nominal * acting - push)
             self.q = self.q + dt * self.v + 0.5 * dt * dt * acceleration
             self.v = self.v + dt * acceleration
-            self.history.append((self.acting_a[0], self.acting[0], acceleration[0]))
+            self.history.append((acting_a[0], acting[0], acceleration[0]))
         return u
+
+    def of_cycles_ago(self, ago):
+        """Return u and a of each joint so many cycles before the present one; 0 before the first."""
+        cycles = len(self.commanded) - 1 - ago
+        return np.array([self.commanded[k][:, n] if k >= 0 else (0.0, 0.0) for n, k in enumerate(cycles)]).T
 
 
 @pytest.mark.parametrize("rad_s", [50.0, 300.0, 700.0, 1500.0])
@@ -77,12 +90,22 @@ def test_without_delay_and_for_a_short_period_the_loop_is_the_continuous_observe
 M3 = np.array([[2.1, 0.5, 0.06], [0.5, 0.75, 0.04], [0.06, 0.04, 0.085]])
 
 
-@pytest.mark.parametrize("factor", [1.0, 1.3, 1.45, 1.7])
-def test_spectral_radius_is_the_growth_of_the_simulated_loop(factor):
-    """Of three coupled joints with delays of their own: the slope of the logarithm over the last 1000 cycles."""
-    late = np.array([16, 20, 24])
+@pytest.mark.parametrize(
+    ("late", "factor", "g"),
+    [
+        *(((16, 20, 24), factor, G) for factor in (1.0, 1.3, 1.45, 1.7)),
+        ((16, 39, 40), 0.7, G),
+        ((16, 56, 24), 1.0, G),
+        ((90, 20, 24), 1.0, G),
+        ((80, 80, 80), 1.0, 300.0),
+        ((63, 101, 139), 0.8, 300.0),
+    ],
+)
+def test_spectral_radius_is_the_growth_of_the_simulated_loop(late, factor, g):
+    """Of three coupled joints with delays of their own, up to 3.5 periods: the slope of the logarithm of its size."""
+    late = np.array(late)
     nominal = np.array([1.344, 0.537, 0.0832 * factor])
-    naive = Naive(M3, nominal, G, late)
+    naive = Naive(M3, nominal, g, late)
     naive.q = np.array([1e-3, -2e-3, 1.5e-3])
     naive.seen = naive.q.copy()
     naive.v, naive.d = np.array([0.3, 0.2, -0.5]), np.array([5.0, -7.0, 3.0])
@@ -93,8 +116,26 @@ def test_spectral_radius_is_the_growth_of_the_simulated_loop(factor):
     # over whole swings of what is left: the envelope of the maxima of 100 cycles
     envelope = np.log(np.max(np.array(size[1000:]).reshape(10, 100), axis=1))
     growth = np.polyfit(np.arange(10) * 100, envelope, 1)[0]
-    radius = spectral_radius(M3, nominal.tolist(), G, (K1, K2), T, late / FINE * T)
+    radius = spectral_radius(M3, nominal.tolist(), g, (K1, K2), T, late / FINE * T)
     assert np.exp(growth) == pytest.approx(radius, abs=2e-3)
+
+
+@pytest.mark.parametrize("periods", [1, 2, 3])
+def test_spectral_radius_does_not_jump_where_a_delay_is_a_whole_number_of_periods(periods):
+    """It changes by some 0.1 a period of delay: by 1e-7 from 1 ns before to 1 ns behind."""
+    delay_s = [np.array([5e-4, 1.3e-3, periods * T + way * 1e-9]) for way in (-1, 0, 1)]
+    before, there, behind = (spectral_radius(M3, (1.3, 0.5, 0.08), 300.0, (K1, K2), T, each) for each in delay_s)
+    assert before == pytest.approx(there, abs=1e-6)
+    assert behind == pytest.approx(there, abs=1e-6)
+    assert before != behind
+
+
+def test_spectral_radius_of_short_delays_is_what_it_was_before_longer_ones_were_allowed():
+    """Figures of the paper's arm, from the version without them."""
+    for delay_s, radius in PINNED.items():
+        assert spectral_radius(M3, (1.344, 0.537, 0.0832), G, (K1, K2), T, np.array(delay_s)) == pytest.approx(
+            radius, abs=1e-12
+        )
 
 
 @pytest.mark.parametrize(("g", "felt"), [(200.0, 1.0), (700.0, 1.0), (700.0, 0.8)])
