@@ -37,7 +37,7 @@ def _check_crystal(scenario: Scenario, joint: int) -> None:
     if scenario.clock.kind != "virtual" or scenario.bus.fidelity != "bits":
         raise ScenarioError(
             f"{named} with clock.kind = {scenario.clock.kind!r}, bus.fidelity = {scenario.bus.fidelity!r}: a timer of "
-            "its own drifts in virtual time, against frames that take some: take 'virtual' and 'bits', or no crystal_ppm"
+            "its own drifts in virtual time, against frames that take some: take 'virtual' and 'bits', or leave it out"
         )
     if scenario.cpu(joint) != "python":
         raise ScenarioError(
@@ -51,4 +51,4 @@ def _check_crystal(scenario: Scenario, joint: int) -> None:
     }
     for what, value_s in times.items():
         if value_s >= period_s:
-            raise ScenarioError(f"{named}: {what} {value_s} s is not below the timer's period of {period_s:.9f} s")
+            raise ScenarioError(f"{named}: {what} {value_s:g} s is not below the timer's period of {period_s:.9f} s")
