@@ -1,7 +1,7 @@
 """How long the nodes compute: on the target by its documented clocks, on this host as measured.
 
-The clocks are sums over the instructions of a trial's code, an estimate before there is machine code to count: queue
-starvation and wait states would add some 7 to 13 %, CAN is not in them.
+The clocks are sums over the instructions of a trial's code, an estimate until there is machine code to count. They hold
+neither CAN nor the prefetch queue nor wait states, which by a model add 7 to 13 % to the step.
 
 Ref: Intel 8086 instruction timing tables (Intel 8086 Family User's Manual 1979).
 """

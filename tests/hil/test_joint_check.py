@@ -85,7 +85,9 @@ def test_a_slower_processor_queues_its_current_later_by_as_much() -> None:
 
 def test_the_current_of_a_joint_by_its_own_timer_is_bits_in_the_budget_and_no_promise() -> None:
     """The sum of the longest frames of a cycle, from ARCHITECTURE.md: nothing waits for what is computed."""
-    ends = worst_case_ends_ns(scenario_file.load("paper-joint", ["joint.crystal_ppm=5", "dsp.compute_s=0"]))
+    ends = worst_case_ends_ns(
+        scenario_file.load("paper-joint", ["joint.crystal_ppm=5", "dsp.compute_s=0", "joint.compute_s=0.0009"])
+    )
     assert ends["State"] == 1000 * (65 + 3 * 95 + 3 * 115 + 135 + 135 - 3)
 
 
@@ -93,3 +95,8 @@ def test_a_joint_by_its_own_timer_is_refused_on_a_bus_without_time() -> None:
     scenario = scenario_file.load("paper-joint", ["joint2.crystal_ppm=100"])
     with pytest.raises(ScenarioError, match=r"joint2: crystal_ppm = 100 with clock.kind = 'sync', bus.fidelity = 'fun"):
         for_bus(scenario)
+
+
+def test_a_crystal_s_error_is_kept_to_the_part_in_1e9() -> None:
+    scenario = scenario_file.load("paper-joint", ["joint.crystal_ppm=0", "joint2.crystal_ppm=-12.3456"])
+    assert [scenario.crystal_ppb(n) for n in (1, 2, 3)] == [0, -12346, 0]

@@ -6,6 +6,7 @@ from io import StringIO
 from itertools import pairwise
 from math import floor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from hil import experiment, scenario_file, show
 from hil.assemble import build_nodes
 from hil.errors import ScenarioError
 from hil.evaluate import evaluate
+from hil.frame_log import FrameLog
 from hil.processes import run_processes
 from hil.rig import Outcome, run_inline
 from hil.scenario_file import check
@@ -96,6 +98,18 @@ def test_the_frame_log_shows_what_the_joints_counted(run: Outcome) -> None:
         assert 0 <= report["doubled_samples"] - len(found.doubled_s) <= 1
         assert 0 <= report["missed_samples"] - len(found.missed_s) <= 1
         assert found.doubled_s == sorted(found.doubled_s)
+
+
+def test_slips_are_read_off_the_cycles_that_currents_name() -> None:
+    """Cycles 254 to 3 over the end of the byte: 255 twice, 1 and 2 never; what was before cycle 0 does not count."""
+    said = [(-1, 254), (1, 254), (2, 255), (3, 255), (4, 0), (5, 3)]
+    log = FrameLog()
+    for at_ms, cycle in said:
+        log.frames.append((at_ms * T_NS, 0x122, CODEC["Current_2"].pack(0, 0, cycle), "joint2"))
+    log.frames.append((6 * T_NS, 0x121, CODEC["Current_1"].pack(0, 0, 3), "joint1"))
+    found = slips(SimpleNamespace(log=log), 2)  # type: ignore[arg-type]
+    assert found.doubled_s == pytest.approx([0.003])
+    assert found.missed_s == pytest.approx([0.005, 0.005])
 
 
 def test_the_plant_counts_every_current_once(run: Outcome) -> None:
