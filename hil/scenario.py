@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from hil.errors import ScenarioError
-from hil.scenario_joint import COMPUTE_NS, INTERRUPT_CLOCKS, Joint, OneJoint
+from hil.scenario_joint import Joint, OneJoint
 from hil.scenario_parts import (
     Angle,
     Duration,
@@ -262,14 +262,14 @@ class Scenario(Part):
         return getattr(self.joint, key) if own is None else own
 
     def compute_ns(self, joint: int) -> int:
-        """Return the computing time of joint 1 to n: given in s, or clocks of its processor; its own goes first."""
-        clocks = self.of_joint(joint, "clocks") or INTERRUPT_CLOCKS
-        for part in (self.own(joint), self.joint):
-            if part.compute_s is not None:
-                return to_ns(part.compute_s)
-            if part.clock_hz is not None:
-                return to_ns(clocks / part.clock_hz)
-        return COMPUTE_NS
+        """Return the computing time of joint 1 to n: as given, or by its processor; its own keys go first."""
+        own = self.own(joint)
+        given_s = own.compute_s
+        if given_s is None and own.clock_hz is None and own.clocks is None:
+            given_s = self.joint.compute_s
+        if given_s is not None:
+            return to_ns(given_s)
+        return to_ns(self.of_joint(joint, "clocks") / self.of_joint(joint, "clock_hz"))
 
     def cpu(self, joint: int) -> str:
         """Return what plays joint 1 to n."""

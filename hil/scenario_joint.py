@@ -10,14 +10,14 @@ Hertz = Annotated[float, Field(ge=1e3, le=1e12)]
 Clocks = Annotated[int, Field(ge=1, le=10**9)]
 Ppm = Annotated[float, Field(ge=-10_000, le=10_000)]
 
-COMPUTE_NS = 125_000
-"""Of a joint that says nothing about it: INTERRUPT_CLOCKS at 8 MHz."""
 INTERRUPT_CLOCKS = 1000
 """Estimate of the whole control interrupt on an 8086: acknowledge 61, pushes and pops 76, port I/O 30, the step 803,
 IRET 32, together 1002. Sums of documented clocks of a trial's code: nothing of CAN, no prefetch queue, no wait states.
 
 Ref: Intel 8086 instruction timing tables (Intel 8086 Family User's Manual 1979).
 """
+CLOCK_HZ = 8e6
+"""Of the 8086-2."""
 
 
 class Joint(Part):
@@ -31,10 +31,9 @@ class Joint(Part):
     """Nominal torque constant Ktn."""
     limit_A: Positive = 8.0
     compute_s: Time | None = None
-    """From the sample to the Current being queued; default: clocks / clock_hz, or 125 us without a clock."""
-    clock_hz: Hertz | None = None
-    clocks: Clocks | None = None
-    """Default: INTERRUPT_CLOCKS."""
+    """From the sample to the Current being queued; default: clocks / clock_hz."""
+    clock_hz: Hertz = CLOCK_HZ
+    clocks: Clocks = INTERRUPT_CLOCKS
     cpu: str = "python"
     crystal_ppm: Ppm | None = None
     """Error of a timer of the joint's own that it samples by; default: none, it samples on each Encoder frame."""

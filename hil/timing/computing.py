@@ -14,7 +14,6 @@ from rich.table import Table
 from hil.constants import worst_case_ends_ns
 from hil.latency import distribution
 from hil.scenario import Scenario
-from hil.scenario_joint import INTERRUPT_CLOCKS
 from hil.timed import time_nodes
 from hil.wire.bits import INTERMISSION_BITS
 from plant.parameters import MAX_JOINTS
@@ -44,7 +43,8 @@ def computing(scenario: Scenario) -> dict[str, Any]:
 
 def interrupt_clocks(scenario: Scenario) -> int:
     """Return the clocks of a control interrupt, of the joint that takes the most."""
-    return max(scenario.of_joint(n, "clocks") or INTERRUPT_CLOCKS for n in range(1, scenario.joints + 1))
+    clocks: int = max(scenario.of_joint(n, "clocks") for n in range(1, scenario.joints + 1))
+    return clocks
 
 
 def at_clock(scenario: Scenario, clock_hz: float) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 A crystal that is e too fast slides by e of a period in each: after 1 / e periods there was one tick more than samples,
 by a slow one there was one less, which is a beat. Around a beat the Encoder frame's jitter (stuff bits, frames in its
-way) takes it to and fro across the tick: samples are doubled and missed by turns. The difference counts the beats. A crystal of no error (0 ppm) that was set by an
-Encoder frame stays at that coincidence for the whole run; a phase takes it away from there.
+way) takes it to and fro across the tick: samples are doubled and missed by turns. The difference counts the beats. A
+crystal of no error (0 ppm), set by an Encoder frame, stays at that coincidence for the whole run, unless its phase is
+another.
 """
 
 from dataclasses import dataclass
