@@ -15,6 +15,7 @@ from firmware_py.dsp.computed_torque import ComputedTorque
 from firmware_py.dsp.control import CommandTable, PositionControl, position_control, resting_cycle
 from firmware_py.dsp.cpu import DSP, DSPSettings
 from firmware_py.dsp.inverse_dynamics import ArmModel
+from firmware_py.free_running import FreeRunning
 from firmware_py.joint_cpu import SIGNALS, JointCPU
 from firmware_py.words import Words
 from hil import constants
@@ -263,8 +264,12 @@ def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
     words = Words(16, len(SIGNALS))
     status = _status(scenario, codec, number)
     reference = constants.reference_of(number)
+    times_ns = scenario.period_ns, scenario.compute_ns(number)
+    if (error_ppb := scenario.crystal_ppb(number)) is not None:
+        phase_ns = to_ns(scenario.of_joint(number, "crystal_phase_s"))
+        return FreeRunning(number, words, codec, crc16, status, reference, *times_ns, error_ppb, phase_ns)
     try:
-        return cpu(number, words, codec, crc16, status, reference, scenario.period_ns, scenario.compute_ns(number))
+        return cpu(number, words, codec, crc16, status, reference, *times_ns)
     except Exception as error:
         raise failed(f"joint{number}", error) from error
 

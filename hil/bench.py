@@ -19,16 +19,13 @@ from rich.table import Table
 
 from hil import bench_scaling, scenario_file
 from hil.addresses import restart_at_fixed_addresses
-from hil.assemble import build_nodes
 from hil.bench_plot import write_plot
 from hil.bench_wire import show_wire
-from hil.drive import Direct
-from hil.node import Reaction
 from hil.processes import run_processes
-from hil.rig import make_kernel, run_inline
+from hil.rig import run_inline
 from hil.scenario import Scenario
+from hil.timed import time_nodes
 from hil.wire import duration, medium
-from hil.wire.kernel import Arrival
 from hil.wire.rates import Rates
 
 RUNS = 7
@@ -36,19 +33,6 @@ SCENARIOS = ("load-step", "paper-joint", "paper-task")
 FLOORS = {"processes": 3.0, "inline": 5.0}
 START_LIMIT_S = 3.0
 MEMORY_LIMIT_MB = 600.0
-
-
-class Timed(Direct):
-    """A node whose wall time is added up."""
-
-    wall_s = 0.0
-
-    def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
-        """Hand over, and look at the clock before and after."""
-        began = time.perf_counter()
-        reaction = super().wake(now_ns, stored, cause)
-        self.wall_s += time.perf_counter() - began
-        return reaction
 
 
 def speeds(scenario: Scenario) -> dict[str, float]:
@@ -62,18 +46,11 @@ def speeds(scenario: Scenario) -> dict[str, float]:
 
 def parts(scenario: Scenario) -> dict[str, float]:
     """Return wall us a simulated ms of each part of an inline run."""
-    kernel = make_kernel(scenario)
-    timed = [Timed(node) for node in build_nodes(scenario, compiled=True)]
-    for participant in timed:
-        kernel.join(participant)
     bits_s = _time_frame_bits()
-    kernel.start()
-    began = time.perf_counter()
-    kernel.run(scenario.duration_ns - 1)
-    total = time.perf_counter() - began
-    found = {participant.name: participant.wall_s for participant in timed}
+    wakes_s, total_s = time_nodes(scenario)
+    found = {name: sum(each_s) for name, each_s in wakes_s.items()}
     found["frame bits"] = bits_s[0]
-    found["kernel"] = total - sum(found.values())
+    found["kernel"] = total_s - sum(found.values())
     simulated_ms = scenario.duration_ns / 1e6 + scenario.clock.setup_cycles
     return {name: wall_s * 1e6 / simulated_ms for name, wall_s in found.items()}
 

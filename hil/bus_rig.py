@@ -23,6 +23,7 @@ from hil.can_port import CanPort
 from hil.constants import STOP_OPERATOR
 from hil.errors import NodeError, OutputError
 from hil.expectation import expectation
+from hil.joint_check import check_crystals
 from hil.processes import START_S, Processes
 from hil.rig import Outcome, Progress, no_progress
 from hil.scenario import Scenario
@@ -122,12 +123,15 @@ def _stop_what_was_left(port: CanPort, codec: Codec, notice: Notice) -> None:
 def for_bus(scenario: Scenario) -> Scenario:
     """Return the scenario as a bus without time of its own runs it: by its clock `wall`, or else by Sync.
 
-    By Sync the rule is that of `functional`: each current acts at its delay after the cycle's start.
+    By Sync the rule is that of `functional`: each current acts at its delay after the cycle's start. Raises
+    ScenarioError for a joint by its own timer.
     """
     if scenario.clock.kind == "wall":
         return scenario
     bus = scenario.bus.model_copy(update={"fidelity": "functional"})
-    return scenario.model_copy(update={"bus": bus, "clock": scenario.clock.model_copy(update={"kind": "sync"})})
+    by_sync = scenario.model_copy(update={"bus": bus, "clock": scenario.clock.model_copy(update={"kind": "sync"})})
+    check_crystals(by_sync)
+    return by_sync
 
 
 def _processes(scenario: Scenario, place: Place, elsewhere: Mapping[str, str], folder: Path) -> Processes:

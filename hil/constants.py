@@ -86,7 +86,11 @@ def cycle_frames(joints: int) -> dict[str, int]:
 
 
 def worst_case_ends_ns(scenario: Scenario) -> dict[str, int]:
-    """Return the latest end of each frame of a cycle after its start, each queued when its sender has computed."""
+    """Return the latest end of each frame of a cycle after its start, each queued when its sender has computed.
+
+    The Current of a joint by its own timer may come at any time: its bits count here, but no end of it is promised, nor
+    that it holds up no other frame, once a period and by its own length.
+    """
     ends: dict[str, int] = {}
     free_ns = 0
     for name, length in cycle_frames(scenario.joints).items():
@@ -100,6 +104,8 @@ def _queued_ns(scenario: Scenario, name: str, ends: dict[str, int]) -> int:
     """Return when a frame is queued at the latest, from the frame that its sender answers."""
     if name.startswith("Current_"):
         joint = int(name.removeprefix("Current_"))
+        if scenario.crystal_ppb(joint) is not None:
+            return 0
         return ends[f"Encoder_{joint}"] + scenario.compute_ns(joint)
     if name in ACCEL_REFS:
         return ends[f"Encoder_{scenario.joints}"] + to_ns(scenario.dsp.compute_s)

@@ -161,7 +161,7 @@ def _line(axes: "Axes", t_s: Array, values: Array, style: Style) -> None:
 
 def _joint_deviation(axes: "Axes", run: Evaluation, deviation: Array, what: str, style: Style) -> None:
     final_s, final = run.t_s[run.final_rows], float(np.sqrt(np.mean(deviation[run.final_rows] ** 2)))
-    factor, unit = _angle_unit(_largest(deviation))
+    factor, unit = angle_unit(_largest(deviation))
     axes.axvspan(final_s[0], final_s[-1] + run.scenario.clock.period_s, **FINAL)
     title = f"{what}: largest {_angle(_largest(deviation))}, final {_angle(final)}"
     _about_zero(axes, run.t_s, deviation * factor, style, title, unit)
@@ -204,11 +204,11 @@ def _largest(values: Array) -> float:
     return float(np.max(np.abs(values)))
 
 
-def _angle_unit(rad: float) -> tuple[float, str]:
+def angle_unit(rad: float) -> tuple[float, str]:
     """Return the factor from rad to the unit that fits, and its name."""
     return (1e6, "µrad") if rad < 0.9995e-3 else (1e3, "mrad") if rad < 0.9995 else (1.0, "rad")
 
 
 def _angle(rad: float) -> str:
-    factor, unit = _angle_unit(rad)
+    factor, unit = angle_unit(rad)
     return f"{rad * factor:.3g} {unit}"

@@ -5,11 +5,12 @@ file and whole nanoseconds inside.
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from hil.errors import ScenarioError
+from hil.scenario_joint import Joint, OneJoint
 from hil.scenario_parts import (
     Angle,
     Duration,
@@ -103,28 +104,6 @@ class Brake(Part):
 
     torque_N_m: tuple[Positive, ...] = (60.0, 30.0, 8.0)
     delay_s: Time = 0.03
-
-
-class Joint(Part):
-    """What every joint CPU is set up with; one entry a joint where there are several."""
-
-    observer: bool = True
-    g_rad_s: Positive = 700.0
-    inertia_kg_m2: tuple[Positive, ...] = (1.344, 0.537, 0.0832)
-    """Nominal inertia Jn: the least 1 / (M^-1)_ii over the workspace, without payload."""
-    torque_constant_N_m_A: tuple[Positive, ...] = (10.0, 6.0, 2.0)
-    """Nominal torque constant Ktn."""
-    limit_A: Positive = 8.0
-    compute_s: Time = 125e-6
-    cpu: str = "python"
-
-
-class OneJoint(Part):
-    """What one joint has of its own in place of [joint]'s."""
-
-    compute_s: Time | None = None
-    cpu: str | None = None
-    """`python`, or `package.module:Class` of a user's own controller."""
 
 
 class Dsp(Part):
@@ -284,14 +263,29 @@ class Scenario(Part):
         own: OneJoint = getattr(self, f"joint{joint}")
         return own
 
+    def of_joint(self, joint: int, key: str) -> Any:
+        """Return what joint 1 to n has of its own, or else what [joint] says."""
+        own = getattr(self.own(joint), key)
+        return getattr(self.joint, key) if own is None else own
+
     def compute_ns(self, joint: int) -> int:
-        """Return the computing time of joint 1 to n."""
-        own = self.own(joint).compute_s
-        return to_ns(self.joint.compute_s if own is None else own)
+        """Return the computing time of joint 1 to n: as given, or by its processor; its own keys go first."""
+        own = self.own(joint)
+        given_s = own.compute_s
+        if given_s is None and own.clock_hz is None and own.clocks is None:
+            given_s = self.joint.compute_s
+        if given_s is not None:
+            return to_ns(given_s)
+        return to_ns(self.of_joint(joint, "clocks") / self.of_joint(joint, "clock_hz"))
 
     def cpu(self, joint: int) -> str:
         """Return what plays joint 1 to n."""
         return self.own(joint).cpu or self.joint.cpu
+
+    def crystal_ppb(self, joint: int) -> int | None:
+        """Return the error of the timer of joint 1 to n in parts of 1e9; None if it samples on the Encoder frame."""
+        ppm = self.of_joint(joint, "crystal_ppm")
+        return None if ppm is None else round(ppm * 1000)
 
     def per_joint(self) -> dict[str, Sequence[object]]:
         """Return every entry that has one value a joint, by its path."""

@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import ScenarioError
+from hil.joint_check import check_clocks, check_crystals
 from hil.scenario import Model, Scenario, check_interval
 from hil.scenario_parts import to_ns
 from hil.wire.fault import check_faults
@@ -150,7 +151,9 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
 def check(scenario: Scenario) -> None:
     """Refuse what no single key shows: lengths, rates, times that do not fit together."""
     _check_lengths(scenario)
+    check_clocks(scenario)
     _check_rates(scenario)
+    check_crystals(scenario)
     _check_faults(scenario)
     _check_spaces(scenario)
     _check_torques(scenario)

@@ -43,6 +43,8 @@ def result(found: Result, folder: Path | None) -> None:
             console.print(f"{title}: {line}", soft_wrap=True)
     if "real_time" in summary:
         _real_time(console, summary["real_time"])
+    for name, counted in summary.get("samples", {}).items():
+        console.print(f"samples of {name}, by its own timer: {_causes(counted)}", soft_wrap=True)
     for key in ("lost_frames_by_cause", "deadline_misses_by_cause", "saturations_by_signal"):
         causes = ", ".join(f"{cause}: {count}" for cause, count in summary[key].items() if count)
         if causes:

@@ -27,6 +27,8 @@ MISSED_BY = (
     "late_currents",
     "overdue_currents",
     "missed_currents",
+    "repeated_currents",
+    "missed_references",
     "repeated_parameters",
     "repeated_encoders",
     "skipped_cycles",
@@ -65,6 +67,7 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         **({} if evaluation is None else deviations(evaluation)),
         **({} if evaluation is None else world(evaluation)),
         **real_time(outcome),
+        **samples(outcome),
         **({"missed_grasps": outcome.reports["plant"]["missed_grasps"]} if scenario.has_world else {}),
         "processes": {name: report["process"] for name, report in outcome.reports.items() if "process" in report},
         "platform": f"Python {platform.python_version()}, {' '.join(platform.libc_ver())}, {platform.machine()}",
@@ -125,6 +128,16 @@ def _contact(recorded: dict[str, Array], name: str, final: slice) -> dict[str, f
 def _moved(recorded: dict[str, Array], name: str) -> dict[str, list[float]]:
     columns = [recorded[f"{name}_{what}"] for what in ("x_m", "y_m", "angle_rad")]
     return {"start_m_m_rad": [float(c[0]) for c in columns], "final_m_m_rad": [float(c[-1]) for c in columns]}
+
+
+def samples(outcome: Outcome) -> dict[str, Any]:
+    """Return what each joint by its own timer counted of its samples; nothing where every joint follows the Encoder."""
+    reports = {name: report for name, report in outcome.reports.items() if "beats" in report}
+    counted = {
+        name: {"doubled": each["doubled_samples"], "missed": each["missed_samples"], "beats": each["beats"]}
+        for name, each in reports.items()
+    }
+    return {"samples": counted} if counted else {}
 
 
 def faults(outcome: Outcome) -> list[dict[str, Any]]:

@@ -21,6 +21,8 @@ INIT, READY, RUN, FAULT = 0, 1, 2, 3
 NO_FAULT, STOPPED, CURRENT_LOST = 0, 4, 8
 STOP_CURRENT_LOST = 8
 MISSES_TO_FAULT = 3
+AWAITED = (1 << 128) - 1
+"""Cycles that a Current may be late by: half of what its byte tells apart."""
 
 Reaction = tuple[int, int | None, list[tuple[int, int, bytes]]]
 
@@ -67,10 +69,12 @@ class Plant:
         self.stores = (*self.currents, self.release, self.stop)
 
         self.state = INIT
-        self.answered = [False] * len(joints)
+        self.awaited = [1] * len(joints)
+        """Of each joint, a bit for each cycle whose Current has not come: bit 0 is this one's, from cycle 0 on."""
+        self.cycle = 0
         self.missed_currents = [0] * len(joints)
         self.missed_in_a_row = [0] * len(joints)
-        self.late_currents = self.overdue_currents = 0
+        self.late_currents = self.overdue_currents = self.repeated_currents = 0
         self.stopped = False
         self.finished = False
         self.message = ""
@@ -120,10 +124,9 @@ class Plant:
             if max(self.missed_in_a_row) >= MISSES_TO_FAULT:
                 return self.lose(now_ns)
         self.finished = self.stopped
-        self.answered = [False] * len(self.answered)
-        cycle = now_ns // self.period_ns & 0xFF
+        self.cycle = now_ns // self.period_ns & 0xFF
         encoders = zip(self.encoders, robot.counts(), strict=True)
-        sends = [(0, identifier, pack(count, cycle)) for (identifier, pack), count in encoders]
+        sends = [(0, identifier, pack(count, self.cycle)) for (identifier, pack), count in encoders]
         fault = STOPPED if self.stopped else NO_FAULT
         saturations, missed = sum(robot.saturations), sum(self.missed_currents)
         sends += self.status.sends(now_ns, self.state, fault, saturations, self.late_currents, missed, 0)
@@ -136,11 +139,9 @@ class Plant:
         counts, _, cycle = fields
         period = at_ns // self.period_ns
         age = (period - cycle) & 0xFF
-        self.answered[joint - 1] |= age == 0
         self.missed_in_a_row[joint - 1] = 0
-        if age > 0 and self.state == RUN:
-            self.late_currents += 1
-            self.missed_currents[joint - 1] -= 1  # it was counted there, and is late instead
+        if self.state == RUN:
+            self._tick_off(joint - 1, cycle, age > 0)
         delay_ns = self.action_delay_ns[joint - 1]
         acts_ns = (period - age) * self.period_ns + delay_ns
         self.overdue_currents += age == 0 and delay_ns > 0 and acts_ns < at_ns
@@ -149,14 +150,23 @@ class Plant:
             acts_ns = self.dead_time.applied_ns(joint - 1, period - age, acts_ns)
         self.robot.set_current(joint, counts, acts_ns)
 
+    def _tick_off(self, joint: int, cycle: int, late: bool) -> None:
+        """Take the Current that a cycle awaits; count one that is late, or one too many for its cycle."""
+        passed = (self.cycle - cycle) & 0xFF
+        if not self.awaited[joint] >> passed & 1:
+            self.repeated_currents += 1
+            return
+        self.awaited[joint] ^= 1 << passed
+        self.late_currents += late
+        self.missed_currents[joint] -= passed > 0  # it was counted there, and is late instead
+
     def _count_missing(self) -> None:
         """Count joints whose Current of the period that ends did not come; the amplifier held the last one."""
-        if all(self.answered):
-            self.missed_in_a_row = [0] * len(self.answered)
-            return
-        for joint, answered in enumerate(self.answered):
-            self.missed_currents[joint] += not answered
-            self.missed_in_a_row[joint] = 0 if answered else self.missed_in_a_row[joint] + 1
+        for joint, awaited in enumerate(self.awaited):
+            missed = awaited & 1
+            self.missed_currents[joint] += missed
+            self.missed_in_a_row[joint] = self.missed_in_a_row[joint] + 1 if missed else 0
+            self.awaited[joint] = (awaited << 1 | 1) & AWAITED
 
     def lose(self, now_ns: int, who: str = "") -> Reaction:
         """Engage the brakes and say Stop; who: that was lost, by default the joints without a Current."""
@@ -216,6 +226,7 @@ class Plant:
             "crc_errors": self.crc_errors,
             "late_currents": self.late_currents,
             "overdue_currents": self.overdue_currents,
+            "repeated_currents": self.repeated_currents,
             "missed_currents": {f"joint{n}": self.missed_currents[n - 1] for n in joints},
             **({} if self.robot.encounter is None else {"missed_grasps": self.robot.missed_grasps}),
             "saturations": {f"amplifier joint{n}": self.robot.saturations[n - 1] for n in joints},

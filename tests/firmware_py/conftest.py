@@ -20,13 +20,13 @@ NODES = 5
 class Bench:
     """Plays the rest of the bus to one joint CPU and keeps what it answers, by frame name."""
 
-    def __init__(self, codec, number, table, words):
+    def __init__(self, codec, number, table, words, make_cpu=JointCPU):
         self.codec = codec
         self.number = number
         self.table = list(table)
         self.words = words
         status = Status(codec, number, number, NODES, T_NS, 160_000)
-        self.cpu = JointCPU(number, words, codec, crc16, status, ("AccelRef", number - 1), T_NS, COMPUTE_NS)
+        self.cpu = make_cpu(number, words, codec, crc16, status, ("AccelRef", number - 1), T_NS, COMPUTE_NS)
         self.timer_ns = None
         self.busy_ns = None
         self.sends = []
@@ -109,11 +109,11 @@ def tables(codec, paper_joint):
 
 @pytest.fixture(scope="session")
 def make_bench(codec, tables):
-    """Return a function (joint number, words, table) -> Bench."""
+    """Return a function (joint number, words, table, class of the CPU) -> Bench."""
 
-    def make(number=1, words=None, table=None):
+    def make(number=1, words=None, table=None, make_cpu=JointCPU):
         words = Words(16, len(SIGNALS)) if words is None else words
-        return Bench(codec, number, tables[number - 1] if table is None else table, words)
+        return Bench(codec, number, tables[number - 1] if table is None else table, words, make_cpu)
 
     return make
 

@@ -18,10 +18,11 @@ from plant.nominal import nominal_inertia
 from plant.parameters import DEFAULT_ARM
 
 
-def test_the_built_in_scenarios_are_those_of_the_paper_other_arms_and_contact() -> None:
+def test_the_built_in_scenarios_are_those_of_the_paper_other_arms_contact_and_drift() -> None:
     assert scenario_file.builtin_names() == [
         "box",
         "direct-drive",
+        "drift",
         "five-joints",
         "grasp",
         "linear-joint",

@@ -1,5 +1,7 @@
 """The plant on the bus: a wake-up a period, currents at their own instants, brakes by AccelRef and Stop."""
 
+import random
+
 import pytest
 
 from dbc.compiler import load_arm
@@ -211,5 +213,41 @@ def test_a_current_that_comes_late_every_time_is_a_sign_of_life(plant):
         for joint in (1, 2, 3):
             current(plant, joint, cycle - (2 if joint == 2 and cycle > 1 else 1), 100, cycle * T_NS - 300_000)
         plant.on_timer(cycle * T_NS)
-    assert plant.report()["fault"] == ""
-    assert plant.late_currents == 6
+    report = plant.report()
+    assert report["fault"] == ""
+    assert (report["late_currents"], report["repeated_currents"]) == (5, 1)  # the first of them is cycle 0's again
+    assert report["missed_currents"] == {"joint1": 0, "joint2": 1, "joint3": 0}  # cycle 6 still waits
+
+
+def test_every_current_is_counted_once_and_every_cycle_too(plant):
+    """Of whatever comes, in any order: in its cycle, late, once more, or never; judged by a set of cycles."""
+    chance = random.Random(7)
+    started(plant)
+    heard, on_time, late, again = set(), 0, 0, 0
+    for period in range(300):
+        at_ns = period * T_NS
+        for cycle in chance.choice([[period], [period - 1], [period, period], [period - 1, period], [period - 2], []]):
+            at_ns += chance.choice([0, 200_000])
+            current(plant, 2, cycle, 0, at_ns)
+            in_run, known = cycle >= 0, cycle in heard
+            again += known or not in_run
+            on_time += in_run and not known and cycle == period
+            late += in_run and not known and cycle < period
+            heard |= {cycle} if in_run else set()
+        for joint in (1, 3):
+            current(plant, joint, period, 0, at_ns)
+        plant.missed_in_a_row[1] = 0  # the brakes are another test's
+        plant.on_timer((period + 1) * T_NS)
+    report = plant.report()
+    assert (report["late_currents"], report["repeated_currents"]) == (late, again)
+    assert report["missed_currents"]["joint2"] == 300 - on_time - late
+    assert min(on_time, late, again, 300 - on_time - late) > 20
+
+
+def test_a_current_that_ends_with_its_cycle_is_late_but_not_missing(plant):
+    started(plant)
+    for joint in (1, 2, 3):
+        current(plant, joint, 0, 100, T_NS)
+    plant.on_timer(T_NS)
+    report = plant.report()
+    assert (report["late_currents"], report["repeated_currents"], sum(plant.missed_currents)) == (3, 0, 0)

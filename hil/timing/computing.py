@@ -1,0 +1,118 @@
+"""How long the nodes compute: on the target by its documented clocks, on this host as measured.
+
+The clocks are sums over the instructions of a trial's code, an estimate until there is machine code to count. They hold
+neither CAN nor the prefetch queue nor wait states, which by a model add 7 to 13 % to the step.
+
+Ref: Intel 8086 instruction timing tables (Intel 8086 Family User's Manual 1979).
+"""
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from hil.constants import worst_case_ends_ns
+from hil.latency import distribution
+from hil.scenario import Scenario
+from hil.timed import time_nodes
+from hil.wire.bits import INTERMISSION_BITS
+from plant.parameters import MAX_JOINTS
+
+TARGET = "8086"
+CLOCKS_HZ = (5e6, 8e6, 10e6)
+"""Of the 8086, the 8086-2 and the 8086-1."""
+STEP_CLOCKS = (716, 808)
+"""Of the control step: least and most, by its three IMULs (420 to 498 of them)."""
+ESTIMATE = "clocks are documented sums over a trial's code: an estimate, without CAN, prefetch queue and wait states"
+
+
+def computing(scenario: Scenario) -> dict[str, Any]:
+    """Return computing times by processor clock, and the host's by node (one inline run), s; ready for JSON."""
+    wakes_s, _ = time_nodes(scenario)
+    return {
+        "scenario": scenario.name,
+        "period_s": scenario.clock.period_s,
+        "target": TARGET,
+        "basis": ESTIMATE,
+        "step_clocks": list(STEP_CLOCKS),
+        "interrupt_clocks": interrupt_clocks(scenario),
+        "clocks": [at_clock(scenario, clock_hz) for clock_hz in CLOCKS_HZ],
+        "host": {name: distribution(each_s) for name, each_s in wakes_s.items()},
+    }
+
+
+def interrupt_clocks(scenario: Scenario) -> int:
+    """Return the clocks of a control interrupt, of the joint that takes the most."""
+    clocks: int = max(scenario.of_joint(n, "clocks") for n in range(1, scenario.joints + 1))
+    return clocks
+
+
+def at_clock(scenario: Scenario, clock_hz: float) -> dict[str, Any]:
+    """Return what a processor clock means: the longest times, their share of a period, and whether a cycle fits.
+
+    current_end_s: latest end of each joint's Current after its cycle's start; None for a joint by its own timer.
+    """
+    interrupt_s, ends_ns = interrupt_clocks(scenario) / clock_hz, worst_case_ends_ns(with_clock(scenario, clock_hz))
+    cycle_ns = ends_ns["State"] + INTERMISSION_BITS * scenario.bit_ns
+    joints = range(1, scenario.joints + 1)
+    return {
+        "clock_hz": clock_hz,
+        "step_s": [step / clock_hz for step in STEP_CLOCKS],
+        "interrupt_s": interrupt_s,
+        "share": interrupt_s / scenario.clock.period_s,
+        "current_end_s": {
+            f"joint{n}": ends_ns[f"Current_{n}"] * 1e-9 if scenario.crystal_ppb(n) is None else None for n in joints
+        },
+        "cycle_end_s": cycle_ns * 1e-9,
+        "fits": interrupt_s < scenario.clock.period_s and cycle_ns <= scenario.period_ns,
+    }
+
+
+def with_clock(scenario: Scenario, clock_hz: float) -> Scenario:
+    """Return the scenario with every joint's CPU at this clock."""
+    unset = {"compute_s": None, "clock_hz": None}
+    parts: dict[str, Any] = {f"joint{n}": scenario.own(n).model_copy(update=unset) for n in range(1, MAX_JOINTS + 1)}
+    parts["joint"] = scenario.joint.model_copy(update={"compute_s": None, "clock_hz": clock_hz})
+    return scenario.model_copy(update=parts)
+
+
+def show_computing(console: Console, found: dict[str, Any]) -> None:
+    """Print the target's computing times by clock, what they leave of a cycle, and the host's by node."""
+    console.print(_target(found))
+    console.print(f"{found['interrupt_clocks']} clocks an interrupt; {found['basis']}", soft_wrap=True)
+    console.print(_cycle(found))
+    console.print(_host(found["host"]))
+
+
+def _target(found: dict[str, Any]) -> Table:
+    table = Table(title=f"control interrupt, {found['target']}, us of {found['period_s'] * 1e6:g}")
+    for column in ("MHz", "the step in it", "interrupt", "of a period"):
+        table.add_column(column, justify="right")
+    for row in found["clocks"]:
+        step = " to ".join(f"{step_s * 1e6:.1f}" for step_s in row["step_s"])
+        share = f"{row['share']:.1%}"
+        table.add_row(f"{row['clock_hz'] / 1e6:g}", step, f"{row['interrupt_s'] * 1e6:.1f}", share)
+    return table
+
+
+def _cycle(found: dict[str, Any]) -> Table:
+    table = Table(title=f"{found['scenario']}: latest ends in a cycle, us")
+    joints = found["clocks"][0]["current_end_s"]
+    for column in ("MHz", *(f"Current_{name.removeprefix('joint')}" for name in joints), "cycle", ""):
+        table.add_column(column, justify="right")
+    for row in found["clocks"]:
+        ends = ["-" if end_s is None else f"{end_s * 1e6:.0f}" for end_s in row["current_end_s"].values()]
+        fits = "fits" if row["fits"] else "TOO LONG"
+        table.add_row(f"{row['clock_hz'] / 1e6:g}", *ends, f"{row['cycle_end_s'] * 1e6:.0f}", fits)
+    return table
+
+
+def _host(host: dict[str, Any]) -> Table:
+    table = Table(title="a wake-up on this host, inline, measured: wall us")
+    for column in ("node", "wake-ups", "p50", "p99", "p99.9", "largest"):
+        table.add_column(column, justify="left" if column == "node" else "right")
+    for name, wakes in host.items():
+        if wakes is not None:
+            times = [f"{wakes[key] * 1e6:.1f}" for key in ("p50_s", "p99_s", "p99.9_s", "max_s")]
+            table.add_row(name, str(wakes["count"]), *times)
+    return table

@@ -1,0 +1,97 @@
+"""Computing times by documented clocks: arithmetic that can be done by hand. No speed of the host is judged."""
+
+import json
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from hil import scenario_file
+from hil.constants import worst_case_ends_ns
+from hil.scenario import Scenario
+from hil.timed import time_nodes
+from hil.timing.computing import at_clock, computing, show_computing, with_clock
+
+BY_HAND = {
+    5e6: ((143.2, 161.6), 200.0, 0.2, (469, 584, 699), 972),
+    8e6: ((89.5, 101.0), 125.0, 0.125, (462, 577, 692), 965),
+    10e6: ((71.6, 80.8), 100.0, 0.1, (462, 577, 692), 965),
+}
+"""Of paper-joint. us: step of 716 to 808 clocks, interrupt of 1000, its share, ends of the Currents, of the cycle.
+
+Encoders 1 to 3 end at 157, 252, 347 us, and the bus is free at 350 (65 bits Sync, 95 an Encoder, 3 of intermission in
+each). At 5 MHz Current_1 is queued at 357; faster, before 350. It takes 112 bits, the next begin 3 later; then AccelRef
+and State, 135 each.
+"""
+
+
+@pytest.mark.parametrize("clock_hz", BY_HAND)
+def test_times_shares_and_ends_are_those_by_hand(clock_hz: float) -> None:
+    step_us, interrupt_us, share, ends_us, cycle_us = BY_HAND[clock_hz]
+    found = at_clock(scenario_file.load("paper-joint"), clock_hz)
+    assert [step_s * 1e6 for step_s in found["step_s"]] == pytest.approx(step_us)
+    assert found["interrupt_s"] * 1e6 == pytest.approx(interrupt_us)
+    assert found["share"] == pytest.approx(share)
+    assert [end_s * 1e6 for end_s in found["current_end_s"].values()] == pytest.approx(ends_us)
+    assert found["cycle_end_s"] * 1e6 == pytest.approx(cycle_us)
+    assert found["fits"]
+
+
+def test_too_many_clocks_do_not_fit_and_one_joint_s_are_enough() -> None:
+    """2000 clocks at 5 MHz: Current_3 is queued at 347 + 400, ends at 859; AccelRef and State end by 862 + 270."""
+    slow = at_clock(scenario_file.load("paper-joint", ["joint3.clock_hz=8e6", "joint3.clocks=2000"]), 5e6)
+    assert (slow["interrupt_s"], slow["fits"]) == (pytest.approx(400e-6), False)
+    assert slow["current_end_s"]["joint3"] == pytest.approx(859e-6)
+    assert slow["cycle_end_s"] == pytest.approx(1132e-6)
+    own_timer = scenario_file.load("one-joint", ["joint.crystal_ppm=1", "joint.clock_hz=100e6", "joint.clocks=5001"])
+    never = at_clock(own_timer, 5e6)
+    assert (never["share"], never["fits"]) == (pytest.approx(1.0002), False)
+
+
+def test_the_clock_is_that_of_the_scenario_s_keys() -> None:
+    given = scenario_file.load("paper-joint", ["joint.compute_s=0.00003", "joint2.compute_s=0.00001"])
+    asked = scenario_file.load("paper-joint", ["joint.clock_hz=5e6"])
+    assert worst_case_ends_ns(with_clock(given, 5e6)) == worst_case_ends_ns(asked)
+
+
+def test_no_end_is_promised_to_a_joint_by_its_own_timer() -> None:
+    ends = at_clock(scenario_file.load("drift"), 8e6)["current_end_s"]
+    assert (ends["joint1"], ends["joint2"]) == (None, None)
+    assert ends["joint3"] > 0
+
+
+def test_every_wake_up_is_timed(short: Scenario) -> None:
+    """The plant and the joints wake once a cycle, the DSP for Sync and for the last Encoder; 200 cycles of set-up."""
+    wakes_s, total_s = time_nodes(short)
+    assert {name: len(each) for name, each in wakes_s.items()} == {
+        "plant": 400,
+        "dsp": 800,
+        "joint1": 400,
+        "joint2": 400,
+        "joint3": 400,
+    }
+    assert sum(map(sum, wakes_s.values())) <= total_s
+
+
+def test_the_tables_say_what_is_documented_and_what_is_measured(short: Scenario) -> None:
+    found = computing(short)
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert [row["clock_hz"] for row in found["clocks"]] == [5e6, 8e6, 10e6]
+    out = StringIO()
+    console = Console(width=80, file=out)
+    show_computing(console, found)
+    text = out.getvalue()
+    assert "1000 clocks an interrupt; clocks are documented sums over a trial's code: an estimate" in text
+    for cells in (("5", "143.2 to 161.6", "200.0", "20.0%"), ("8", "462", "577", "692", "965", "fits")):
+        assert any([cell.strip() for cell in line.strip("│").split("│")] == list(cells) for line in text.splitlines())
+    for name, wakes in found["host"].items():
+        assert f"{wakes['max_s'] * 1e6:.1f}" in text
+        assert name in text
+
+
+def test_a_cycle_that_is_too_long_is_said() -> None:
+    scenario = scenario_file.load("paper-joint", ["joint.clock_hz=20e6", "joint.clocks=3000", "duration_s=0.05"])
+    out = StringIO()
+    console = Console(width=80, file=out)
+    show_computing(console, computing(scenario))
+    assert "TOO LONG" in out.getvalue()
