@@ -78,28 +78,38 @@ class Run:
 
 
 def chains(run: Run, bounds: dict[str, Bound] | None) -> list[Chain]:
-    """Return of every joint: sample to action; then sample, DSP, AccelRef, current of the cycle that follows."""
+    """Return of every joint: sample to action; then sample, DSP, AccelRef, current of the cycle that follows.
+
+    A joint by its own timer may take a sample a period later, and nothing bounds when.
+    """
     joints = range(1, run.scenario.joints + 1)
     period_ns = run.scenario.period_ns
-    ends_ns = {n: None if bounds is None else bounds[f"Current_{n}"].end_ns for n in joints}
-    direct = [Chain(f"joint{n}: sample to action", n, _direct(run, n), period_ns, ends_ns[n]) for n in joints]
-    return direct + [
+    late = {n: 0 if run.scenario.crystal_ppb(n) is None else period_ns for n in joints}
+    ends_ns = {n: None if bounds is None or late[n] else bounds[f"Current_{n}"].end_ns for n in joints}
+    direct = [Chain(f"joint{n}: sample to action", n, _direct(run, n), period_ns + late[n], ends_ns[n]) for n in joints]
+    by_dsp = [
         Chain(
             f"joint{n}: sample, DSP, action",
             n,
             _by_dsp(run, n),
-            2 * period_ns,
+            2 * period_ns + late[n],
             None if end_ns is None else period_ns + end_ns,
         )
         for n, end_ns in ends_ns.items()
     ]
+    return direct + by_dsp
 
 
 def _direct(run: Run, n: int) -> tuple[Part, ...]:
     encoder, current = run.of(f"Encoder_{n}"), run.of(f"Current_{n}")
+    computes = run.computes(f"joint{n}", encoder, current, run.scenario.compute_ns(n))
+    if run.scenario.crystal_ppb(n) is not None:
+        never = np.isnan(computes.lasts_ns) & ~np.isnan(encoder[:, ENDS])
+        lasts_ns = np.where(never, np.inf, computes.lasts_ns)
+        computes = Part(f"joint{n}: timer, computes", COMPUTING, lasts_ns, limit_ns=0)
     return (
         *_frame(f"Encoder_{n}", encoder, encoder[:, QUEUED] - _samples_ns(run)),
-        run.computes(f"joint{n}", encoder, current, run.scenario.compute_ns(n)),
+        computes,
         *_frame(f"Current_{n}", current),
     )
 

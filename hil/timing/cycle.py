@@ -69,6 +69,10 @@ class Bound:
     end_ns: int = EVER
     response_ns: int = 0
 
+    def deadline_ns(self, period_ns: int) -> int:
+        """Return how long it may take: what is left of the cycle when it is released at the latest; free: a period."""
+        return period_ns if self.slot.free else period_ns - self.latest_ns
+
 
 class Late(Exception):
     """A frame that may not end with its cycle; its name."""

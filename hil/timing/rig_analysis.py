@@ -100,7 +100,7 @@ class Analysis:
     def _fixed(self, name: str, length: int, bound: Bound | None) -> dict[str, Any]:
         """Return what does not hang on a run. deadline_s: what is left of the cycle when it is queued at the latest."""
         turns = 2 * (self.cycle.joints + 2) if name.startswith(BY_TURNS) else 1
-        deadline_ns = None if bound is None else self.cycle.period_ns - bound.latest_ns
+        deadline_ns = None if bound is None else bound.deadline_ns(self.cycle.period_ns)
         return {
             "period_s": turns * self.scenario.clock.period_s,
             "queued_s": None if bound is None else [seconds(bound.earliest_ns), seconds(bound.latest_ns)],

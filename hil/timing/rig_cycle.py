@@ -25,11 +25,15 @@ Spans = Mapping[str, tuple[int, int]]
 
 @dataclass(frozen=True)
 class Cycle:
-    """What sends when, whatever the bit rate. compute_ns: of each joint; dsp_ns: of the DSP."""
+    """What sends when, at any bit rate. compute_ns: of each joint; dsp_ns: of the DSP; free: joints by own timers.
+
+    The Current of such a joint may push a State beyond the cycle: both are then taken to come at any time.
+    """
 
     period_ns: int
     compute_ns: tuple[int, ...]
     dsp_ns: int
+    free: frozenset[int] = frozenset()
 
     @property
     def joints(self) -> int:
@@ -51,10 +55,15 @@ class Cycle:
 
     def _slots(self, spans: Spans, tail_ns: int) -> list[Slot]:
         identifiers = _identifiers()
-        return [
-            Slot(name, identifiers[f"{STATUS}_0" if name == STATUS else name], *span_ns, *self._released(name, tail_ns))
-            for name, span_ns in spans.items()
-        ]
+        found = []
+        for name, (shortest_ns, longest_ns) in spans.items():
+            identifier = identifiers[f"{STATUS}_0" if name == STATUS else name]
+            delay_ns, after = self._released(name, tail_ns)
+            free = self._is_free(name)
+            found.append(
+                Slot(name, identifier, shortest_ns, longest_ns, 0 if free else delay_ns, None if free else after, free)
+            )
+        return found
 
     def _released(self, name: str, tail_ns: int) -> tuple[int, str | None]:
         """Return (delay, behind which frame) of a slot's release."""
@@ -65,6 +74,9 @@ class Cycle:
             return self.dsp_ns, f"Encoder_{self.joints}"
         return (self.period_ns - tail_ns if name == STATUS else 0), None
 
+    def _is_free(self, name: str) -> bool:
+        return bool(self.free) if name == STATUS else name in {f"Current_{n}" for n in self.free}
+
 
 @lru_cache(maxsize=1)
 def _identifiers() -> dict[str, int]:
@@ -73,8 +85,10 @@ def _identifiers() -> dict[str, int]:
 
 def cycle_of(scenario: Scenario) -> Cycle:
     """Return the cycle of a scenario."""
-    compute_ns = tuple(scenario.compute_ns(n) for n in range(1, scenario.joints + 1))
-    return Cycle(scenario.period_ns, compute_ns, to_ns(scenario.dsp.compute_s))
+    joints = range(1, scenario.joints + 1)
+    compute_ns = tuple(scenario.compute_ns(n) for n in joints)
+    free = frozenset(n for n in joints if scenario.crystal_ppb(n) is not None)
+    return Cycle(scenario.period_ns, compute_ns, to_ns(scenario.dsp.compute_s), free)
 
 
 def worst_spans(joints: int, rates: Rates) -> dict[str, tuple[int, int]]:
@@ -111,7 +125,7 @@ def by_joints(cycle: Cycle, data_bit_ns: int) -> list[dict[str, Any]]:
     slowest_ns = max(cycle.compute_ns)
     found = []
     for joints in range(1, JOINTS + 1):
-        other = replace(cycle, compute_ns=(slowest_ns,) * joints)
+        other = replace(cycle, compute_ns=(slowest_ns,) * joints, free=frozenset())
         rates = {"lowest_bitrate": lowest_bitrate(other), "lowest_bitrate_fd": lowest_bitrate(other, data_bit_ns)}
         found.append({"joints": joints, **rates})
     return found

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from dbc.compiler import load_arm
+from hil.constants import check_budget
 from hil.errors import ScenarioError
 from hil.rig import Outcome, Progress, no_progress
 from hil.scenario import Scenario
@@ -33,7 +34,7 @@ def study(
     if scenario.bus.fidelity == "functional":
         raise ScenarioError("bus.fidelity = 'functional': frames take no time, there is nothing to measure: set 'bits'")
     analysis = Analysis(scenario, data_bit_ns, errors)
-    if analysis.worst is None:
+    if not runs(scenario):
         return Study(analysis.to_json({}))
     outcome, timeline = run_with_timeline(scenario, progress)
     codec = load_arm()
@@ -41,3 +42,12 @@ def study(
     links = chains(Run(scenario, by_cycle(timeline, scenario, codec), silent), analysis.worst)
     found = analysis.to_json(responses(timeline, scenario, codec))
     return Study(found | {"chains": [to_json(chain) for chain in links]}, outcome, timeline, tuple(links))
+
+
+def runs(scenario: Scenario) -> bool:
+    """Return whether a scenario's cycle is not refused; with errors, or own timers, a frame may still be late in it."""
+    try:
+        check_budget(scenario)
+    except ScenarioError:
+        return False
+    return True
