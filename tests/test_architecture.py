@@ -23,7 +23,15 @@ OUTSIDE = {
 }
 ONLY_IN = {
     "cantools": {"dbc/compiler.py"},
-    "matplotlib": {"hil/bench_plot.py", "hil/figures.py", "hil/paper/plots.py", "hil/wall_figure.py"},
+    "matplotlib": {
+        "hil/bench_plot.py",
+        "hil/figures.py",
+        "hil/paper/plots.py",
+        "hil/timing/gantt.py",
+        "hil/timing/response_figure.py",
+        "hil/timing/waterfall.py",
+        "hil/wall_figure.py",
+    },
     "pyarrow": {"hil/record.py"},
     "numba": {"plant/compiled.py"},
     "pymunk": {"plant/pymunk_links.py", "plant/world.py"},
