@@ -29,6 +29,7 @@ ONLY_IN = {
         "hil/paper/plots.py",
         "hil/timing/gantt.py",
         "hil/timing/response_figure.py",
+        "hil/timing/style.py",
         "hil/timing/waterfall.py",
         "hil/wall_figure.py",
     },

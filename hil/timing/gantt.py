@@ -1,37 +1,28 @@
 """The bus as a Gantt chart: two cycles in the middle of the motion; who computes, who waits, who sends.
 
 A node has as many lanes as it takes to keep apart what it has under way. Frames go by their name: in the bar, or beside
-it where the bar is too short.
-
-Ref: M. Okabe, K. Ito, Color Universal Design (the colours).
+it where the bar is too short. A wait ends where the attempt begins that is acknowledged.
 """
 
-import textwrap
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from dbc.compiler import load_arm
-from hil.figures import WIDTH_IN, drawing, save
+from hil.figures import WIDTH_IN, drawing
 from hil.scenario import Scenario
 from hil.scenario_parts import to_ns
 from hil.timing.measured import name_of
+from hil.timing.style import COMPUTES, ON_BUS, WAITS, Style, finish
 from hil.timing.timeline import Timeline
 from hil.wire.bits import INTERMISSION_BITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-Style = dict[str, Any]
-WAITS: Style = {"label": "waits for the bus", "color": "#56B4E9", "alpha": 0.45}
-ON_BUS: Style = {"label": "on the bus", "color": "#0072B2"}
-COMPUTES: Style = {"label": "computes", "color": "#E69F00"}
 BOUNDARY: Style = {"label": "a cycle begins", "color": "black", "linewidth": 0.9, "linestyle": "--"}
 
 PERIODS = 2
-LETTERS = 92
-"""A line of a title."""
 LANE_IN = 0.19
 AXIS_IN = 6.4
 """Width of a panel, about."""
@@ -69,19 +60,7 @@ def write_gantt(folder: Path, scenario: Scenario, timeline: Timeline) -> list[Pa
             axes.set_title(f"cycle {first + k}")
         figure.axes[-1].set_xlabel(f"time from the start of cycle {first}, µs")
         title = f"{scenario.name}: {_seen(scenario, timeline, first)}."
-        finish(figure, title)
-        return save(figure, folder / "gantt", title)
-
-
-def finish(figure: "Figure", title: str) -> None:
-    """Give a figure its title, and one legend of all its panels."""
-    figure.suptitle(textwrap.fill(title, LETTERS), x=0.01, ha="left", fontsize=10.0)
-    entries: dict[str, Any] = {}
-    for axes in figure.axes:
-        lines, labels = axes.get_legend_handles_labels()
-        entries |= dict(zip(labels, lines, strict=True))
-    style: Style = {"loc": "outside lower center", "frameon": False, "fontsize": 8.0, "ncols": len(entries)}
-    figure.legend(entries.values(), entries.keys(), **style)
+        return finish(figure, folder / "gantt", title)
 
 
 def _first_cycle(scenario: Scenario, timeline: Timeline) -> int:
@@ -141,7 +120,7 @@ def _takes(times: tuple[float, float, float], name: float, limit: float) -> tupl
     return (queued, ends + name) if ends + name <= limit else (queued - name, ends)
 
 
-def _laid(bars: list[Bar]) -> Iterator[tuple[int, Bar]]:
+def laid(bars: list[Bar]) -> Iterator[tuple[int, Bar]]:
     """Yield each bar with the first lane that is free for it."""
     free: list[float] = []
     for bar in bars:
@@ -151,7 +130,7 @@ def _laid(bars: list[Bar]) -> Iterator[tuple[int, Bar]]:
 
 
 def _depth(bars: list[Bar]) -> int:
-    return 1 + max((lane for lane, _ in _laid(bars)), default=0)
+    return 1 + max((lane for lane, _ in laid(bars)), default=0)
 
 
 # -- drawing --
@@ -161,7 +140,7 @@ def _draw(axes: "Axes", panel: dict[str, list[Bar]], lanes: dict[str, int]) -> N
     """Draw the bars of a cycle, a node below the other."""
     top = 0
     for node, bars in panel.items():
-        for lane, bar in _laid(bars):
+        for lane, bar in laid(bars):
             _draw_bar(axes, bar, top + lane + 0.5)
         top += lanes[node]
 

@@ -12,12 +12,13 @@ from hil.timing.waterfall import write_waterfalls
 def write(folder: Path, study: Study) -> list[Path]:
     """Write gantt, responses, waterfall and waterfall-dsp as PNG and SVG, and trace.json; return their paths.
 
-    Nothing where the frames do not fit their cycle, since then nothing was run. Raises MissingExtraError without
-    matplotlib, before anything is written.
+    Nothing where no frame was ever sent: those that do not fit their cycle are not even tried. Raises MissingExtraError
+    without matplotlib, before anything is written.
     """
-    if study.outcome is None or study.timeline is None:
+    outcome, timeline, found = study.outcome, study.timeline, study.found
+    if outcome is None or timeline is None or not timeline.frames:
         return []
-    scenario, timeline, found = study.outcome.scenario, study.timeline, study.found
+    scenario = outcome.scenario
     return [
         *write_gantt(folder, scenario, timeline),
         *write_responses(folder, scenario, timeline, found["messages"]),

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from dbc.compiler import load_arm
-from hil.figures import GRID, WIDTH_IN, drawing, save
+from hil.figures import GRID, WIDTH_IN, drawing
 from hil.scenario import Scenario
-from hil.timing.gantt import finish
 from hil.timing.measured import Array, by_message, response_ns
 from hil.timing.study import SLOW
+from hil.timing.style import finish
 from hil.timing.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def write_responses(folder: Path, scenario: Scenario, timeline: Timeline, rows: 
     rows: the messages of the study.
     """
     panels = _panels(scenario, timeline, rows)
-    deep = -(-len(panels) // COLUMNS)
+    deep = max(1, -(-len(panels) // COLUMNS))
     with drawing():
         from matplotlib.figure import Figure
 
@@ -63,8 +63,7 @@ def write_responses(folder: Path, scenario: Scenario, timeline: Timeline, rows: 
         for axes in places[(deep - 1) * COLUMNS : len(panels)]:
             axes.set_xlabel("response time, µs")
         title = f"{scenario.name}: {_seen(panels)}."
-        finish(figure, title)
-        return save(figure, folder / "responses", title)
+        return finish(figure, folder / "responses", title)
 
 
 def _panels(scenario: Scenario, timeline: Timeline, rows: list[Row]) -> list[Panel]:
@@ -96,7 +95,7 @@ def _draw(axes: "Axes", panel: Panel, bit_us: float) -> None:
     bound_us = _us(row["response_bound_s"], lasted_us.max())
     deadline_us = _us(row["deadline_s"], np.inf)
     right = deadline_us if deadline_us <= NEAR * bound_us else bound_us
-    axes.hist(lasted_us.tolist(), _edges(lasted_us, bit_us), **MEASURED)
+    axes.stairs(*np.histogram(lasted_us, _edges(lasted_us, bit_us)), fill=True, **MEASURED)
     for key, style in LINES.items():
         if row[key] is not None and row[key] * 1e6 <= right * (1 + 1e-9):
             axes.axvline(row[key] * 1e6, linewidth=1.2, **style)

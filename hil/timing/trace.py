@@ -2,7 +2,8 @@
 
 The bus is one process, with a track of its cycles, one of the frames on the wire, and a counter of those that wait;
 every node is another, with its computing and, as asynchronous events, since they may overlap, its waiting frames.
-Arrows go from a frame to the computing that it starts, and on to the answer.
+Arrows go from a frame to the computing that it starts, and on to the answer. A wait ends where the attempt begins that
+is acknowledged.
 
 A viewer takes no negative time: 0 is the start of the set-up, and `otherData` says when cycle 0 begins.
 
@@ -21,7 +22,7 @@ from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil.scenario import Scenario
 from hil.timing.measured import name_of
-from hil.timing.timeline import Timeline
+from hil.timing.timeline import FrameTime, Timeline
 
 Event = dict[str, Any]
 BUS = 1
@@ -116,24 +117,26 @@ class _Trace:
         waiting = 0
         for at_ns, change in sorted(changes.items()):
             waiting += change
-            yield _event("C", "frames waiting", BUS, FRAMES, self.us(at_ns)) | {"args": {"frames": waiting}}
+            yield _event("C", "waiting", BUS, FRAMES, self.us(at_ns)) | {"args": {"frames": waiting}}
 
     def _flows(self) -> Iterator[Event]:
         """Yield an arrow from each frame to the computing that it starts, and on to the frames that answer."""
         frames = self._timeline.frames
         asked = {frame.ends_ns: frame for frame in frames}
-        answers = {(frame.sender, frame.queued_ns): frame for frame in frames}
+        answers: dict[tuple[str, int], list[FrameTime]] = {}
+        for frame in frames:
+            answers.setdefault((frame.sender, frame.queued_ns), []).append(frame)
         flow = 0
         for node, computing in self._timeline.computing.items():
             for begins_ns, lasts_ns in computing:
-                cause, answer = asked.get(begins_ns), answers.get((node, begins_ns + lasts_ns))
-                if cause is None or answer is None or not lasts_ns:
+                cause, number = asked.get(begins_ns), self._process[node]
+                if cause is None or not lasts_ns:
                     continue
-                flow += 1
-                number = self._process[node]
-                yield self._arrow("s", flow, BUS, FRAMES, cause.starts_ns)
-                yield self._arrow("t", flow, number, number, begins_ns)
-                yield self._arrow("f", flow, BUS, FRAMES, answer.starts_ns) | {"bp": "e"}
+                for answer in answers.get((node, begins_ns + lasts_ns), []):
+                    flow += 1
+                    yield self._arrow("s", flow, BUS, FRAMES, cause.starts_ns)
+                    yield self._arrow("t", flow, number, number, begins_ns)
+                    yield self._arrow("f", flow, BUS, FRAMES, answer.starts_ns) | {"bp": "e"}
 
     # -- one event --
 

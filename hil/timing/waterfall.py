@@ -1,21 +1,21 @@
 """Where the time goes: the parts of every chain behind one another, a panel a chain.
 
 A bar is a part's mean and begins where the mean of the part before it ends; its whisker goes to the largest.
-
-Ref: M. Okabe, K. Ito, Color Universal Design (the colours).
 """
 
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.figures import GRID, WIDTH_IN, drawing, save
-from hil.timing.gantt import COMPUTES, ON_BUS, WAITS, finish
+from hil.figures import GRID, WIDTH_IN, drawing
+from hil.timing.style import COMPUTES, HELD, ON_BUS, WAITS, finish
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Row = dict[str, Any]
-HELD: Row = {"label": "held", "color": "0.6"}
+STEMS = {"sample to action": "waterfall", "sample, DSP, action": "waterfall-dsp"}
+"""Of figures, by the chains that they show."""
 STYLES = {" waits": WAITS, " on the bus": ON_BUS, " computes": COMPUTES, "held ": HELD}
 """By what a part's name says."""
 BOUND: Row = {"label": "bound of the whole", "color": "#D55E00", "linestyle": "--", "linewidth": 1.2}
@@ -29,11 +29,12 @@ def write_waterfalls(folder: Path, name: str, chains: list[Row]) -> list[Path]:
 
     chains: of the study. Raises MissingExtraError without matplotlib.
     """
-    kinds: dict[str, list[Row]] = {}
-    for chain in chains:
-        kinds.setdefault(chain["name"].partition(": ")[2], []).append(chain)
-    stems = dict(zip(kinds, ("waterfall", "waterfall-dsp"), strict=True))
-    return [path for kind in kinds for path in _write(folder / stems[kind], f"{name}: {kind}", kinds[kind])]
+    paths = []
+    for kind, stem in STEMS.items():
+        chosen = [chain for chain in chains if chain["name"].endswith(f": {kind}")]
+        if chosen:
+            paths += _write(folder / stem, f"{name}: {kind}", chosen)
+    return paths
 
 
 def _write(stem: Path, what: str, chains: list[Row]) -> list[Path]:
@@ -49,8 +50,7 @@ def _write(stem: Path, what: str, chains: list[Row]) -> list[Path]:
             _draw(axes, chain, right_us)
         panels[-1].set_xlabel("time since the sample, µs")
         title = f"{what}, {_seen(chains)}."
-        finish(figure, title)
-        return save(figure, stem, title)
+        return finish(figure, stem, title)
 
 
 def _ends_us(chain: Row) -> float:
@@ -72,35 +72,37 @@ def _seen(chains: list[Row]) -> str:
 
 def _draw(axes: "Axes", chain: Row, right_us: float) -> None:
     """Draw the parts of a chain from top to bottom, and the bound of the whole."""
-    begins_us = 0.0
-    for k, part in enumerate(chain["parts"]):
-        begins_us = _draw_part(axes, k, part, begins_us, begins_us > _ends_us(chain) / 2)
+    parts = chain["parts"]
+    rows = range(len(parts))
+    means_us, most_us = ([1e6 * (part[key] or 0.0) for part in parts] for key in ("mean_s", "max_s"))
+    ends_us = list(accumulate(means_us))
+    beyond_us = [max(0.0, most - mean) for most, mean in zip(most_us, means_us, strict=True)]
+    for k, part in enumerate(parts):
+        _draw_part(axes, k, part, ends_us[k] - means_us[k], ends_us[k] - means_us[k] > _ends_us(chain) / 2)
+    no_us = [0.0 for _ in rows]
+    axes.errorbar(ends_us, rows, xerr=[no_us, beyond_us], fmt="none", ecolor="black", capsize=2.0, elinewidth=0.8)
     if chain["bound_s"] is not None:
         axes.axvline(chain["bound_s"] * 1e6, **BOUND)
-    axes.set(yticks=range(len(chain["parts"])), xlim=(0.0, right_us), ylim=(len(chain["parts"]) - 0.4, -0.6))
-    axes.set_yticklabels([part["name"] for part in chain["parts"]], fontsize=6.5)
+    axes.set(yticks=rows, xlim=(0.0, right_us), ylim=(len(rows) - 0.4, -0.6))
+    axes.set_yticklabels([part["name"] for part in parts], fontsize=6.5)
     axes.set_title(f"joint {chain['joint']}: {_figures(chain)}", fontsize=8.0)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", **GRID)
 
 
-def _draw_part(axes: "Axes", k: int, part: Row, begins_us: float, text_before: bool) -> float:
-    """Draw one part from where the one before it ended in the mean; return where this one does."""
+def _draw_part(axes: "Axes", k: int, part: Row, begins_us: float, text_before: bool) -> None:
+    """Draw the bar of one part, and its figures behind or before it."""
     style: Row = {"textcoords": "offset points", "va": "center", "fontsize": 6.0}
     if part["mean_s"] is None:
-        axes.annotate("never", (begins_us, k), (3, 0), **style)
-        return begins_us
-    mean_us, max_us = float(part["mean_s"]) * 1e6, float(part["max_s"]) * 1e6
-    colour = next(style for word, style in STYLES.items() if word in part["name"])
-    axes.barh(k, mean_us, 0.72, begins_us, **colour)
-    whisker_us = [[0.0], [max(0.0, max_us - mean_us)]]
-    axes.errorbar(begins_us + mean_us, k, xerr=whisker_us, color="black", capsize=2.0, linewidth=0.8)
-    text = f"{mean_us:.0f}" if max_us - mean_us < 0.5 else f"{mean_us:.0f}, max {max_us:.0f}"
+        axes.annotate("never", (begins_us, k), (4, 0), **style)
+        return
+    mean_us, most_us = part["mean_s"] * 1e6, part["max_s"] * 1e6
+    axes.barh(k, mean_us, 0.72, begins_us, **next(look for word, look in STYLES.items() if word in part["name"]))
+    text = f"{mean_us:.0f}" if most_us - mean_us < 0.5 else f"{mean_us:.0f}, max {most_us:.0f}"
     if text_before:
         axes.annotate(text, (begins_us, k), (-3, 0), ha="right", **style)
     else:
-        axes.annotate(text, (begins_us + max_us, k), (4, 0), **style)
-    return begins_us + mean_us
+        axes.annotate(text, (begins_us + most_us, k), (4, 0), **style)
 
 
 def _figures(chain: Row) -> str:
