@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil.figures import WIDTH_IN, drawing
 from hil.scenario import Scenario
@@ -46,8 +47,8 @@ class Bar(NamedTuple):
 
 def write_gantt(folder: Path, scenario: Scenario, timeline: Timeline) -> list[Path]:
     """Write gantt.png and gantt.svg; return their paths. Raises MissingExtraError without matplotlib."""
-    first = _first_cycle(scenario, timeline)
-    panels = [_bars(scenario, timeline, first, first + k) for k in range(PERIODS)]
+    first, codec = _first_cycle(scenario, timeline), load_arm()
+    panels = [_bars(scenario, timeline, codec, first, first + k) for k in range(PERIODS)]
     lanes = {node: max(_depth(panel[node]) for panel in panels) for node in scenario.node_names}
     with drawing():
         from matplotlib.figure import Figure
@@ -59,7 +60,7 @@ def write_gantt(folder: Path, scenario: Scenario, timeline: Timeline) -> list[Pa
             _frame_up(axes, k, scenario.period_ns / 1e3, lanes)
             axes.set_title(f"cycle {first + k}")
         figure.axes[-1].set_xlabel(f"time from the start of cycle {first}, µs")
-        title = f"{scenario.name}: {_seen(scenario, timeline, first)}."
+        title = f"{scenario.name}: {_seen(scenario, timeline, codec, first)}."
         return finish(figure, folder / "gantt", title)
 
 
@@ -70,7 +71,7 @@ def _first_cycle(scenario: Scenario, timeline: Timeline) -> int:
     return min(middle, last - PERIODS)
 
 
-def _seen(scenario: Scenario, timeline: Timeline, first: int) -> str:
+def _seen(scenario: Scenario, timeline: Timeline, codec: Codec, first: int) -> str:
     """Say how much of the time the bus is in use, intermissions included, and who waits longest."""
     begins_ns, ends_ns = first * scenario.period_ns, (first + PERIODS) * scenario.period_ns
     frames = list(timeline.between(begins_ns, ends_ns))
@@ -81,15 +82,15 @@ def _seen(scenario: Scenario, timeline: Timeline, first: int) -> str:
         return text
     longest = max(frames, key=lambda frame: frame.starts_ns - frame.queued_ns)
     waits_us = (longest.starts_ns - longest.queued_ns) / 1e3
-    return f"{text}; the longest wait is {waits_us:.4g} µs, of {name_of(longest.identifier, load_arm())}"
+    return f"{text}; the longest wait is {waits_us:.4g} µs, of {name_of(longest.identifier, codec)}"
 
 
 # -- what there is to draw --
 
 
-def _bars(scenario: Scenario, timeline: Timeline, first: int, cycle: int) -> dict[str, list[Bar]]:
+def _bars(scenario: Scenario, timeline: Timeline, codec: Codec, first: int, cycle: int) -> dict[str, list[Bar]]:
     """Return what each node has under way in a cycle, by when it begins."""
-    codec, period_ns = load_arm(), scenario.period_ns
+    period_ns = scenario.period_ns
     begins_ns, ends_ns = cycle * period_ns, (cycle + 1) * period_ns
     per_inch = period_ns / 1e3 / AXIS_IN
 

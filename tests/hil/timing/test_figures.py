@@ -23,6 +23,7 @@ from hil.timing.waterfall import write_waterfalls
 
 FIGURES = ("gantt", "responses", "waterfall", "waterfall-dsp")
 SHORT = ("duration_s=0.1", "trajectory.time_s=0.08")
+CODEC = load_arm()
 INTERMISSION_US = 3.0  # three bits at 1 Mbit/s
 CLOSE = 1e-6  # us: what a float of seconds loses
 
@@ -52,7 +53,7 @@ class Drawn:
 
     def frames(self, name: str, first: int = 0) -> list[FrameTime]:
         """Return the frames of a message from a cycle on, in order; looked up by hand."""
-        identifier, begins_ns = load_arm()[name].identifier, first * self.scenario.period_ns
+        identifier, begins_ns = CODEC[name].identifier, first * self.scenario.period_ns
         return [f for f in self.timeline.frames if f.identifier == identifier and f.queued_ns >= begins_ns]
 
 
@@ -136,7 +137,7 @@ def test_gantt_shows_every_frame_of_its_cycles(drawn):
         assert bars(axes, style.WAITS) == sorted((queued, starts) for queued, starts, _ in times)
         assert len(bars(axes, style.COMPUTES)) == drawn.scenario.joints + 1  # the DSP
         names = [text.get_text().strip() for text in axes.texts]
-        assert sorted(names) == sorted(load_arm().by_identifier[frame.identifier].name for frame in frames)
+        assert sorted(names) == sorted(CODEC.by_identifier[frame.identifier].name for frame in frames)
         edges = [line.get_xdata()[0] for line in axes.lines if line.get_linestyle() == "--"]
         assert edges == [k * period_us, (k + 1) * period_us]
 
