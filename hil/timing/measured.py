@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dbc.codec import Codec
 from hil.latency import distribution
 from hil.scenario import Scenario
-from hil.timing.timeline import Timeline
+from hil.timing.timeline import FrameTime, Timeline
 from hil.wire.bits import INTERMISSION_BITS
 
 Array = npt.NDArray[np.float64]
@@ -23,22 +23,36 @@ def seconds(ns: float | None) -> float | None:
     return None if ns is None else float(ns) / 1e9
 
 
+def name_of(identifier: int, codec: Codec) -> str:
+    """Return a message's name; what the database does not know goes by its identifier."""
+    message = codec.by_identifier.get(identifier)
+    return f"{identifier:#x}" if message is None else message.name
+
+
+def by_message(timeline: Timeline, scenario: Scenario, codec: Codec) -> dict[str, list[FrameTime]]:
+    """Return the frames of the run, without its set-up, by message."""
+    found: dict[str, list[FrameTime]] = {}
+    for frame in timeline.between(0, scenario.duration_ns):
+        found.setdefault(name_of(frame.identifier, codec), []).append(frame)
+    return found
+
+
+def response_ns(frame: FrameTime, scenario: Scenario) -> int:
+    """Return how long a frame took from being queued to the end of its intermission."""
+    return frame.ends_ns + INTERMISSION_BITS * scenario.bit_ns - frame.queued_ns
+
+
 def responses(timeline: Timeline, scenario: Scenario, codec: Codec) -> dict[str, dict[str, Any]]:
     """Return of every message of the run: its response times [s] as a distribution, and its shortest and longest frame.
 
-    spans_ns: without intermission. What the database does not know goes by its identifier.
+    spans_ns: without intermission.
     """
-    rest_ns = INTERMISSION_BITS * scenario.bit_ns
-    lasted: dict[str, list[float]] = {}
-    spans_ns: dict[str, tuple[int, int]] = {}
-    for frame in timeline.between(0, scenario.duration_ns):
-        message = codec.by_identifier.get(frame.identifier)
-        name = f"{frame.identifier:#x}" if message is None else message.name
-        lasted.setdefault(name, []).append((frame.ends_ns + rest_ns - frame.queued_ns) / 1e9)
-        span_ns = frame.ends_ns - frame.starts_ns
-        shortest_ns, longest_ns = spans_ns.get(name, (span_ns, span_ns))
-        spans_ns[name] = min(shortest_ns, span_ns), max(longest_ns, span_ns)
-    return {name: {"response": distribution(lasted[name]), "spans_ns": spans_ns[name]} for name in lasted}
+    found = {}
+    for name, frames in by_message(timeline, scenario, codec).items():
+        spans_ns = [frame.ends_ns - frame.starts_ns for frame in frames]
+        response = distribution([response_ns(frame, scenario) / 1e9 for frame in frames])
+        found[name] = {"response": response, "spans_ns": (min(spans_ns), max(spans_ns))}
+    return found
 
 
 def by_cycle(timeline: Timeline, scenario: Scenario, codec: Codec) -> dict[str, Array]:
