@@ -52,6 +52,8 @@ def timing(
     pace: Annotated[float, typer.Option(min=1e-6, max=1.0, help="On such a bus: emulated seconds a second.")] = 1.0,
     external: External = [],  # noqa: B006 (as above)
     at: At = [],  # noqa: B006 (as above)
+    bus_only: Annotated[bool, typer.Option("--bus", help="The bus alone: no CPUs, no delay margins; 1 s.")] = False,
+    jobs: Annotated[int | None, typer.Option(min=1, max=256, help="Runs at a time; default: one a CPU.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for figures, trace and results.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
@@ -73,7 +75,7 @@ def timing(
         new_folder(out, as_json, chosen.name)
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, notice):
         if place is None:
-            found = scenario_command.in_virtual_time(chosen, data_bit_ns, errors, step)
+            found = scenario_command.in_virtual_time(chosen, data_bit_ns, errors, bus_only, jobs, step)
         else:
             chosen = dilated(chosen, pace)
             where = place, external, channels_of(at)

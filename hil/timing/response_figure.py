@@ -14,7 +14,7 @@ from dbc.compiler import load_arm
 from hil.figures import GRID, WIDTH_IN, drawing
 from hil.scenario import Scenario
 from hil.timing.measured import Array, by_message, response_ns
-from hil.timing.study import SLOW
+from hil.timing.rig_analysis import BY_TURNS
 from hil.timing.style import finish
 from hil.timing.timeline import Timeline
 
@@ -71,7 +71,7 @@ def _panels(scenario: Scenario, timeline: Timeline, rows: list[Row]) -> list[Pan
     frames = by_message(timeline, scenario, load_arm())
     found: dict[str, tuple[Row, list[float]]] = {}
     for row in rows:
-        name = " and ".join(SLOW) if row["name"].startswith(SLOW) else row["name"]
+        name = " and ".join(BY_TURNS) if row["name"].startswith(BY_TURNS) else row["name"]
         _, lasted_us = found.setdefault(name, (row, []))
         lasted_us += [response_ns(frame, scenario) / 1e3 for frame in frames.get(row["name"], [])]
     return [Panel(name, row, np.array(lasted_us)) for name, (row, lasted_us) in found.items() if lasted_us]

@@ -1,6 +1,5 @@
 """What a person sees of a scenario's timing."""
 
-from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -8,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 
-def show(console: Console, found: dict[str, Any], folder: Path | None) -> None:
+def show(console: Console, found: dict[str, Any]) -> None:
     """Print messages, chains, and the bit rates that would do."""
     console.print(_messages(found))
     if found["chains"]:
@@ -23,8 +22,6 @@ def show(console: Console, found: dict[str, Any], folder: Path | None) -> None:
         f"utilisation {found['utilisation']:.1%} at {found['bitrate']:.0f} bit/s with the longest frames; {does}",
         soft_wrap=True,
     )
-    if folder is not None:
-        console.print(f"results: {folder}", soft_wrap=True)
 
 
 def _messages(found: dict[str, Any]) -> Table:

@@ -23,25 +23,29 @@ class FrameTime(NamedTuple):
 
 
 class Computing(NamedTuple):
-    """One wake-up of a node: when, how long it computed, and whether a frame woke it that it does not answer."""
+    """One wake-up of a node: when, and how long it computed."""
 
     begins_ns: int
     lasts_ns: int
-    silent: bool
 
 
 class Timeline:
-    """Follows a run from its set-up on. frames: in the order of the bus; computing: of each node."""
+    """Follows a run from its set-up on. frames: in the order of the bus; computing, unanswered: of each node.
+
+    unanswered: when a frame woke it to which it queued nothing.
+    """
 
     def __init__(self) -> None:
         self.frames: list[FrameTime] = []
         self.computing: dict[str, list[Computing]] = {}
+        self.unanswered_ns: dict[str, list[int]] = {}
 
     def seat(self, kernel: Kernel, node: Node) -> None:
         """Let a node take part, and look on."""
         if not self.computing:
             self._follow(kernel)
-        kernel.join(_Watched(node, self.computing.setdefault(node.name, [])))
+        own = self.computing.setdefault(node.name, []), self.unanswered_ns.setdefault(node.name, [])
+        kernel.join(_Watched(node, *own))
 
     def _follow(self, kernel: Kernel) -> None:
         def watch(end_ns: int, identifier: int, data: bytes, sender: str) -> None:
@@ -57,23 +61,25 @@ class Timeline:
     def silent(self, period_ns: int, cycles: int) -> dict[str, list[bool]]:
         """Return of each node in which cycles of a run it was woken by a frame, and queued none."""
         found = {}
-        for name, computing in self.computing.items():
-            begun = {begins_ns // period_ns for begins_ns, _, silent in computing if silent}
-            found[name] = [cycle in begun for cycle in range(cycles)]
+        for name, woken_ns in self.unanswered_ns.items():
+            unanswered = {at_ns // period_ns for at_ns in woken_ns}
+            found[name] = [cycle in unanswered for cycle in range(cycles)]
         return found
 
 
 class _Watched(Direct):
     """A node whose computing is written down."""
 
-    def __init__(self, node: Node, computing: list[Computing]) -> None:
+    def __init__(self, node: Node, computing: list[Computing], unanswered_ns: list[int]) -> None:
         super().__init__(node)
-        self._computing = computing
+        self._computing, self._unanswered_ns = computing, unanswered_ns
 
     def wake(self, now_ns: int, stored: list[Arrival], cause: Arrival | None) -> Reaction:
         """Hand over, and note how long it computes."""
         reaction = super().wake(now_ns, stored, cause)
-        self._computing.append(Computing(now_ns, reaction[0], cause is not None and not reaction[2]))
+        self._computing.append(Computing(now_ns, reaction[0]))
+        if cause is not None and not reaction[2]:
+            self._unanswered_ns.append(now_ns)
         return reaction
 
 
