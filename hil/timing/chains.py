@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hil.assemble import dead_time
 from hil.constants import reference_of
 from hil.latency import distribution
 from hil.scenario import Scenario
@@ -20,6 +21,7 @@ from hil.timing.measured import ENDS, QUEUED, STARTS, Array, seconds
 Bools = npt.NDArray[np.bool_]
 BUS, COMPUTING, HOST = "bus", "computing", "host"
 """Causes of a miss: the host's share is 0 in virtual time, where the machine cannot be late."""
+DRIVE = "drive"
 
 
 @dataclass(frozen=True)
@@ -85,19 +87,27 @@ def chains(run: Run, bounds: dict[str, Bound] | None) -> list[Chain]:
     joints = range(1, run.scenario.joints + 1)
     period_ns = run.scenario.period_ns
     late = {n: 0 if run.scenario.crystal_ppb(n) is None else period_ns for n in joints}
-    ends_ns = {n: None if bounds is None or late[n] else bounds[f"Current_{n}"].end_ns for n in joints}
-    direct = [Chain(f"joint{n}: sample to action", n, _direct(run, n), period_ns + late[n], ends_ns[n]) for n in joints]
+    acts_ns = {
+        n: None if bounds is None or late[n] else bounds[f"Current_{n}"].end_ns + _longest_dead_ns(run.scenario, n)
+        for n in joints
+    }
+    direct = [Chain(f"joint{n}: sample to action", n, _direct(run, n), period_ns + late[n], acts_ns[n]) for n in joints]
     by_dsp = [
         Chain(
             f"joint{n}: sample, DSP, action",
             n,
             _by_dsp(run, n),
             2 * period_ns + late[n],
-            None if end_ns is None else period_ns + end_ns,
+            None if act_ns is None else period_ns + act_ns,
         )
-        for n, end_ns in ends_ns.items()
+        for n, act_ns in acts_ns.items()
     ]
     return direct + by_dsp
+
+
+def _longest_dead_ns(scenario: Scenario, n: int) -> int:
+    drive = scenario.drive
+    return sum(to_ns(values[n - 1]) for values in (drive.dead_time_s, drive.dead_time_jitter_s) if values)
 
 
 def _direct(run: Run, n: int) -> tuple[Part, ...]:
@@ -111,7 +121,20 @@ def _direct(run: Run, n: int) -> tuple[Part, ...]:
         *_frame(f"Encoder_{n}", encoder, encoder[:, QUEUED] - _samples_ns(run)),
         computes,
         *_frame(f"Current_{n}", current),
+        *_dead_time(run, n, current),
     )
+
+
+def _dead_time(run: Run, n: int, current: Array) -> tuple[Part, ...]:
+    """Return the part between a current's arrival and its application, where the drives have one: as the plant's."""
+    dead = dead_time(run.scenario)
+    if dead is None:
+        return ()
+    arrives_ns = current[:, ENDS]
+    lasts_ns = np.full(len(arrives_ns), np.nan)
+    for cycle in np.flatnonzero(np.isfinite(arrives_ns)):
+        lasts_ns[cycle] = dead.applied_ns(n - 1, int(cycle), int(arrives_ns[cycle])) - arrives_ns[cycle]
+    return (Part(f"drive {n}: dead time", DRIVE, lasts_ns),)
 
 
 def _by_dsp(run: Run, n: int) -> tuple[Part, ...]:
@@ -123,13 +146,13 @@ def _by_dsp(run: Run, n: int) -> tuple[Part, ...]:
         run.computes("dsp", encoder, reference, to_ns(run.scenario.dsp.compute_s)),
         *_frame(name, reference),
     )
-    *_, computes, waits, on_bus = _direct(run, n)
+    _, _, *answers = _direct(run, n)
     held_ns = run.of(f"Encoder_{n}")[1:, ENDS] - reference[:-1, ENDS]
     held = Part(f"held until Encoder_{n}", BUS, held_ns)
     return (
         *(replace(part, lasts_ns=part.lasts_ns[:-1]) for part in begins),
         held,
-        *(replace(part, lasts_ns=part.lasts_ns[1:]) for part in (computes, waits, on_bus)),
+        *(replace(part, lasts_ns=part.lasts_ns[1:]) for part in answers),
     )
 
 

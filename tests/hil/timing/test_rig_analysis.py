@@ -153,6 +153,19 @@ def test_chains_stay_within_their_bounds(paper_joint: Study) -> None:
     assert computes == [125e-6] * 3
 
 
+def test_a_drive_s_dead_time_is_the_last_part() -> None:
+    """As mean_delays has it of the frame log; the bound holds the whole jitter."""
+    settings = ("drive.dead_time_s=[1e-4,0.0,2e-4]", "drive.dead_time_jitter_s=[0.0,0.0,1e-4]")
+    scenario = loaded("paper-joint", *SHORT, *settings)
+    chains = study(scenario, DATA_BIT_NS).chains
+    instants = action_instants(run_inline(scenario)) - np.arange(100)[:, None] * 1e-3
+    for n in range(3):
+        assert chains[n].lasts_ns == pytest.approx(instants[:, n] * 1e9, abs=1e-3)
+        assert chains[n].parts[-1].name == f"drive {n + 1}: dead time"
+        assert chains[3 + n].parts[-1].name == f"drive {n + 1}: dead time"
+    assert [chain.bound_ns for chain in chains[:3]] == [562_000, 577_000, 992_000]
+
+
 class Slow(JointCPU):
     """A CPU that takes 900 us in every hundredth cycle, whatever it was declared with."""
 
