@@ -51,8 +51,12 @@ def test_a_lower_rate_than_the_lowest_misses_and_the_lowest_does_not(hil: Any, d
         ((), 3, "has no GenMsgCycleTime for Slow: say how often each comes at most, for example --period Slow=10"),
         (("--period", "Sluw=10"), 3, "--period Sluw: no such message in"),
         (("--period", "Slow=0"), 2, "write NAME=MS or MS, from 0.001 to 1000000"),
-        (("--period", "10", "--bitrate", "333333"), 2, "a bit lasts no whole number of ns"),
-        (("--period", "10", "--bitrate", "100000"), 6, "Fast, Slow: may miss the deadline; utilisation 142.5%"),
+        (("--period", "10", "--bitrate", "333333"), 2, "--bitrate 333333: a bit lasts 3000.003 ns"),
+        (
+            ("--period", "10", "--bitrate", "100000"),
+            6,
+            "Fast, Slow: may wait for ever: it and what goes before it fill the bus; utilisation 142.5%",
+        ),
     ],
 )
 def test_what_cannot_be_is_said(hil: Any, dbc: str, words: tuple[str, ...], code: int, says: str) -> None:

@@ -1,0 +1,82 @@
+"""What `hil timing --dbc` does: options into numbers, the analysis, and what of it is a failure."""
+
+import json
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from hil.errors import FaultError
+from hil.timing import show
+from hil.timing.analysis import analyse
+from hil.timing.database import MS, Given, fifo_nodes, messages_of
+from hil.timing.response_time import Errors
+from hil.wire.rates import Rates, of_bitrates
+
+SHORTEST_MS, LONGEST_MS = Decimal("0.001"), Decimal(1_000_000)
+
+
+def analyse_database(
+    dbc: Path, rates: Rates, given: Given, errors: Errors | None, fifo: Sequence[str], depth: int | None, as_json: bool
+) -> None:
+    """Print the analysis of a DBC file; FaultError for messages that may be late and queues that may overflow."""
+    messages = messages_of(dbc, rates.bit_ns, rates.data_bit_ns, given)
+    nodes = fifo_nodes(messages, fifo, dbc)
+    found = analyse(messages, rates.bit_ns, errors, data_bit_ns=rates.data_bit_ns, fifo=nodes, depth=depth)
+    print(json.dumps(found)) if as_json else show.analysis(found)
+    faults = [*_missed(found), *_overflowing(found)]
+    if faults:
+        raise FaultError("; ".join([*faults, f"utilisation {found['utilisation']:.1%}"]))
+
+
+def _missed(found: dict[str, Any]) -> list[str]:
+    """Say which messages have no bound, by reason, and which have one beyond their deadline."""
+    by_reason: dict[str, list[str]] = {}
+    for each in found["messages"]:
+        if not each["meets_deadline"]:
+            why = each["unbounded"] and f"may wait for ever: {each['unbounded']}"
+            by_reason.setdefault(why or "may miss the deadline", []).append(each["name"])
+    return [f"{', '.join(names)}: {reason}" for reason, names in by_reason.items()]
+
+
+def _overflowing(found: dict[str, Any]) -> list[str]:
+    """Say which transmit queues may overflow."""
+    said = []
+    for each in found["queues"]:
+        if each["holds"] is False:
+            most = each["frames_at_most"]
+            frames = "frames without bound" if most is None else f"{most} frames at once"
+            cure = "mend what waits for ever" if most is None else f"give it {most} places"
+            said.append(f"{each['node']} may hold {frames}, {each['depth']} have a place in its queue: {cure}")
+    return said
+
+
+def rates_of(bitrate: int, data_bitrate: int | None) -> Rates:
+    """Return the bit times; a usage error where one is no whole number of ns."""
+    try:
+        return of_bitrates(bitrate, data_bitrate)
+    except ValueError as error:
+        options = f"--bitrate {bitrate}" + (f", --data-bitrate {data_bitrate}" if data_bitrate else "")
+        raise typer.BadParameter(f"{options}: {error}") from None
+
+
+def by_name(option: str, given: Sequence[str], shortest_ms: Decimal = SHORTEST_MS) -> dict[str, int]:
+    """Return what an option gives as [NAME=]MS in ns, by name, "" where there is none."""
+    found = {}
+    for each in given:
+        name, _, text = each.rpartition("=")
+        try:
+            time_ms = Decimal(text)
+            if not shortest_ms <= time_ms <= LONGEST_MS:
+                raise InvalidOperation
+        except InvalidOperation:
+            raise typer.BadParameter(
+                f"{option} {each}: write NAME=MS or MS, from {shortest_ms} to {LONGEST_MS}, for example Sync=1"
+            ) from None
+        if time_ms * MS % 1:
+            cure = Decimal(int(time_ms * MS)) / MS
+            raise typer.BadParameter(f"{option} {each}: no whole number of ns: round it, for example to {cure}")
+        found[name] = int(time_ms * MS)
+    return found
