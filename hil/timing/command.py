@@ -44,10 +44,9 @@ def timing(
 ) -> None:
     """Bound the response time of every message of a database, and say which miss their deadlines."""
     from hil.timing.database import Given
-    from hil.timing.database_command import analyse_database, by_name, rates_of
-    from hil.timing.response_time import Errors
+    from hil.timing.database_command import analyse_database, by_name, errors_of, rates_of
 
     jitters = by_name("--jitter", jitter, Decimal(0))
     given = Given(by_name("--period", period), jitters, by_name("--deadline", deadline))
-    errors = None if burst is None else Errors(burst, round(error_interval * 1e6))
+    errors = errors_of(burst, error_interval)
     analyse_database(dbc, rates_of(bitrate, data_bitrate), given, errors, fifo, depth, as_json)

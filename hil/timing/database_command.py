@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,13 @@ def _overflowing(found: dict[str, Any]) -> list[str]:
             cure = "mend what waits for ever" if most is None else f"give it {most} places"
             said.append(f"{each['node']} may hold {frames}, {each['depth']} have a place in its queue: {cure}")
     return said
+
+
+def errors_of(burst: int | None, interval_ms: float) -> Errors | None:
+    """Return the errors that the bus has to bear; a usage error where they come at no interval."""
+    if not isfinite(interval_ms):
+        raise typer.BadParameter(f"--error-interval {interval_ms}: write milliseconds, for example 10")
+    return None if burst is None else Errors(burst, round(interval_ms * MS))
 
 
 def rates_of(bitrate: int, data_bitrate: int | None) -> Rates:

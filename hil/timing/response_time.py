@@ -38,7 +38,7 @@ TURNS = 20
 """In which FIFO queues that delay each other must come to an end."""
 
 OVERLOADED = "it and what goes before it fill the bus"
-OUT_OF_REACH = f"its busy period is beyond {INSTANCES} instances"
+OUT_OF_REACH = "the bus is so full that no end of its busy period was found"
 CIRCULAR = "first-in-first-out queues delay each other more and more"
 
 

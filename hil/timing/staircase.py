@@ -7,7 +7,7 @@ within it is found from below. Ref: M. Joseph, P. Pandya, "Finding response time
 from collections.abc import Iterable
 from typing import NamedTuple
 
-STEPS = 20_000
+STEPS = 5_000
 """From below to the answer, at most: close to full load there are more than anybody waits for."""
 FULL = 1.0 - 1e-9
 """A load from which on no answer is looked for: it would take beyond all STEPS."""

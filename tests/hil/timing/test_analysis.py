@@ -6,6 +6,10 @@ from typing import Any
 
 import pytest
 
+from hil.timing.analysis import analyse
+from hil.timing.frame_time import longest_bits
+from hil.timing.response_time import Message
+
 DBC = """VERSION ""
 BU_: A B
 BO_ 256 Fast: 8 A
@@ -16,6 +20,8 @@ BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;
 BA_DEF_DEF_ "GenMsgCycleTime" 0;
 BA_ "GenMsgCycleTime" BO_ 256 1;
 """
+
+MS = 1_000_000
 
 
 @pytest.fixture
@@ -36,6 +42,23 @@ def test_figures_of_two_messages_are_those_by_hand(hil: Any, dbc: str) -> None:
     assert (fast["response_bound_s"], slow["response_bound_s"]) == (0.84e-3, 0.84e-3)
     assert (fast["deadline_s"], fast["meets_deadline"], fast["response_max_s"]) == (1e-3, True, None)
     assert found["lowest_bitrate"] == 210_040  # 210 bits within 1 ms, of whole ns each: 4761 ns
+
+
+def test_a_message_that_is_not_seen_is_as_long_as_it_may_be_and_one_that_is_as_it_was() -> None:
+    """120 bits of Fast in place of 132: 12 bits of 4 us less for both."""
+    messages = [Message("Fast", 0x100, MS, MS, 540_000), Message("Slow", 0x200, 10 * MS, 10 * MS, 300_000)]
+    assert {row["response_bound_actual_s"] for row in analyse(messages, 4000)["messages"]} == {None}
+    fast, slow = analyse(messages, 4000, actual_bits={"Fast": 120})["messages"]
+    assert (fast["response_bound_s"], fast["bits_worst"]) == (0.84e-3, 135)
+    assert (fast["response_bound_actual_s"], slow["response_bound_actual_s"]) == (0.792e-3, 0.792e-3)
+
+
+def test_a_shorter_fd_frame_is_shorter_by_bits_at_the_data_rate() -> None:
+    nominal, data = longest_bits(8, False, True)
+    message = Message("M", 0x100, MS, MS, nominal * 2000 + data * 500, length=8, data_bits=data)
+    (row,) = analyse([message], 2000, data_bit_ns=500, actual_bits={"M": nominal + data - 3 - 5})["messages"]
+    assert row["bits_worst"] == nominal + data
+    assert row["response_bound_s"] - row["response_bound_actual_s"] == pytest.approx(5 * 500e-9, abs=1e-12)
 
 
 def test_a_lower_rate_than_the_lowest_misses_and_the_lowest_does_not(hil: Any, dbc: str) -> None:
