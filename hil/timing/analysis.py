@@ -101,6 +101,6 @@ def lowest_bitrate(
         return None
     while longest - shortest > 1:
         middle = (shortest + longest) // 2
-        meets = utilisation(scaled(middle)) <= 1 and meet_deadlines(scaled(middle), middle, errors, fifo)
+        meets = meet_deadlines(scaled(middle), middle, errors, fifo)
         shortest, longest = (middle, longest) if meets else (shortest, middle)
     return -(-NS_A_SECOND // shortest)

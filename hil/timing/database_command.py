@@ -44,13 +44,16 @@ def _missed(found: dict[str, Any]) -> list[str]:
 
 def _overflowing(found: dict[str, Any]) -> list[str]:
     """Say which transmit queues may overflow."""
-    said = []
-    for each in found["queues"]:
-        if each["holds"] is False:
-            most = each["frames_at_most"]
-            frames = "frames without bound" if most is None else f"{most} frames at once"
-            cure = "mend what waits for ever" if most is None else f"give it {most} places"
-            said.append(f"{each['node']} may hold {frames}, {each['depth']} have a place in its queue: {cure}")
+    rows = [each for each in found["queues"] if each["holds"] is False]
+    said = [
+        f"{each['node']} may hold {each['frames_at_most']} frames at once, {each['depth']} have a place in its queue: "
+        f"give it {each['frames_at_most']} places"
+        for each in rows
+        if each["frames_at_most"] is not None
+    ]
+    endless = [each["node"] for each in rows if each["frames_at_most"] is None]
+    if endless:
+        said.append(f"{', '.join(endless)}: no number of places is enough, for what may wait for ever")
     return said
 
 

@@ -40,6 +40,7 @@ TURNS = 20
 OVERLOADED = "it and what goes before it fill the bus"
 OUT_OF_REACH = "the bus is so full that no end of its busy period was found"
 CIRCULAR = "first-in-first-out queues delay each other more and more"
+BEHIND = "it waits for what comes from a first-in-first-out queue without a bound"
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def response_times(
 
     Raises ValueError for two of the same identifier.
     """
-    return list(deque(_growing(messages, bit_ns, errors, fifo), len(messages)))
+    return list(deque(_growing(messages, bit_ns, errors, fifo), len(messages)))[::-1]
 
 
 def meet_deadlines(
@@ -129,13 +130,16 @@ def meet_deadlines(
 def _growing(
     messages: Sequence[Message], bit_ns: int, errors: Errors | None, fifo: Collection[str]
 ) -> Iterator[Response]:
-    """Yield what no bound is below, again and again until nothing grows: the last of each message is its bound."""
+    """Yield what no bound is below, again and again until nothing grows: the last of each message is its bound.
+
+    By priority, the lowest first: it is the first to be late.
+    """
     ranked = _ranked(messages)
     ways = [_ways(rank, ranked, frozenset(fifo)) for rank in range(len(ranked))]
     late: dict[int, int | None] = {}
     for turn in count(1):
         moved: dict[int, int | None] = {}
-        for rank, each in enumerate(ways):
+        for rank, each in reversed(list(enumerate(ways))):
             found = _worst([way.bound(ranked, late, bit_ns, errors) for way in each])
             yield found
             late_ns = _lateness(found)
@@ -175,20 +179,23 @@ class _Way:
     def bound(self, ranked: Sequence[Message], late: Late, bit_ns: int, errors: Errors | None) -> Response:
         """Return the bound of the message on this way."""
         message = ranked[self.rank]
-        lateness = [late.get(rank, ranked[rank].jitter_ns) for rank in self.rivals]
-        known = [each for each in lateness if each is not None]
-        if len(known) < len(lateness) or late.get(self.rank, 0) is None:
-            return Response(message, None, reason=CIRCULAR)
         own = [ranked[rank] for rank in self.own]
-        rivals = [(late_ns, ranked[rank]) for late_ns, rank in zip(known, self.rivals, strict=True)]
+        rivals = [(late.get(rank, ranked[rank].jitter_ns), ranked[rank]) for rank in self.rivals]
         cost_ns = ERROR_BITS * bit_ns + max(each.time_ns for each in chain(own, (rival for _, rival in rivals)))
-        before = [Stair(late_ns + bit_ns, each.period_ns, each.time_ns) for late_ns, each in rivals]
-        busy = [Stair(late_ns, each.period_ns, each.time_ns) for late_ns, each in rivals]
+        before = [Stair((late_ns or 0) + bit_ns, each.period_ns, each.time_ns) for late_ns, each in rivals]
+        busy = [Stair(late_ns or 0, each.period_ns, each.time_ns) for late_ns, each in rivals]
         busy += [Stair(each.jitter_ns, each.period_ns, each.time_ns) for each in own]
         if errors is not None:
             before.append(errors.stair(message.time_ns, cost_ns))
             busy.append(errors.stair(0, cost_ns))
-        return _search(message, own, self.blocking_ns, Staircase(before), Staircase(busy))
+        staircase = Staircase(busy)
+        if staircase.load > FULL:
+            return Response(message, None, reason=OVERLOADED)
+        if late.get(self.rank, 0) is None:
+            return Response(message, None, reason=CIRCULAR)
+        if any(late_ns is None for late_ns, _ in rivals):
+            return Response(message, None, reason=BEHIND)
+        return _search(message, own, self.blocking_ns, Staircase(before), staircase)
 
 
 def _ways(rank: int, ranked: Sequence[Message], fifo: frozenset[str]) -> list[_Way]:
@@ -210,7 +217,7 @@ def _search(message: Message, own: Sequence[Message], blocking_ns: int, before: 
     """Return the worst of all instants in a busy period at which the message may be queued."""
     busy_ns = busy.meets(blocking_ns, message.time_ns)
     if busy_ns is None:
-        return Response(message, None, reason=OVERLOADED if busy.load > FULL else OUT_OF_REACH)
+        return Response(message, None, reason=OUT_OF_REACH)
     until_ns = busy_ns + message.jitter_ns
     before_it = [(0 if each is message else each.jitter_ns, each.period_ns, each.time_ns) for each in own]
     steps = [range(-jitter % period, until_ns, period) for jitter, period, _ in before_it]

@@ -16,9 +16,9 @@ def analysis(found: dict[str, Any]) -> None:
     limit = (
         "no bit rate up to 1 Mbit/s meets all deadlines" if lowest is None else f"all are met from {lowest} bit/s on"
     )
-    data = "" if found["data_bitrate"] is None else f", {found['data_bitrate']:g} bit/s in FD data"
+    data = "" if found["data_bitrate"] is None else f", {found['data_bitrate']:.0f} bit/s in FD data"
     console.print(
-        f"utilisation {found['utilisation']:.1%} at {found['bitrate']:g} bit/s{data}; {limit} "
+        f"utilisation {found['utilisation']:.1%} at {found['bitrate']:.0f} bit/s{data}; {limit} "
         "(ms; intermission included)"
     )
 
@@ -26,11 +26,11 @@ def analysis(found: dict[str, Any]) -> None:
 def _messages(rows: list[dict[str, Any]]) -> Table:
     beside = any(each["response_bound_fd_s"] is not None for each in rows)
     table = Table(title="ms, intermission included")
-    for column in ("message", "identifier"):
+    for column in ("message", "id"):
         table.add_column(column, no_wrap=True)
-    for column in ("period", "worst bits", "response\nat most", *["as\nCAN FD"] * beside, "deadline"):
+    for column in ("period", "worst\nbits", "response\nat most", *["as\nCAN FD"] * beside, "deadline"):
         table.add_column(column, justify="right")
-    table.add_column("")
+    table.add_column("", no_wrap=True)
     for each in rows:
         table.add_row(
             each["name"],

@@ -1,13 +1,14 @@
 """`hil timing --dbc`: any database, analysed alone."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from hil.timing.analysis import analyse
-from hil.timing.frame_time import longest_bits
+from hil.timing.analysis import analyse, lowest_bitrate
+from hil.timing.frame_time import as_fd, longest_bits
 from hil.timing.response_time import Message
 
 DBC = """VERSION ""
@@ -94,3 +95,17 @@ def test_no_database_is_said(hil: Any, tmp_path: Path) -> None:
         run = hil.run("timing", "--dbc", name)
         assert (run.returncode, run.stderr.count("\n")) == (3, 1)
         assert "name a DBC file" in run.stderr
+
+
+def test_the_data_rate_is_raised_where_it_would_be_below_the_other() -> None:
+    """At 1 Mbit/s the frame takes its deadline to the ns, if its data goes as fast."""
+    nominal, data = longest_bits(8, False, True)
+    time_ns, deadline_ns = nominal * 4000 + data * 2000, (nominal + data) * 1000
+    message = Message("M", 0x100, MS, deadline_ns, time_ns, length=8, data_bits=data)
+    assert lowest_bitrate([message], 4000, data_bit_ns=2000) == 1_000_000
+    assert lowest_bitrate([replace(message, deadline_ns=deadline_ns - 1)], 4000, data_bit_ns=2000) is None
+
+
+def test_as_fd_asks_for_lengths() -> None:
+    with pytest.raises(ValueError, match="M: its length is not known"):
+        as_fd([Message("M", 0x100, MS, MS, 1000)], 1000, 500)
