@@ -5,7 +5,7 @@ import pytest
 from hil.timing.queues import queues
 from hil.timing.response_time import Message, response_times
 from hil.wire.bits import INTERMISSION_BITS, frame_bits
-from tests.hil.timing.wire_sets import MS, QUEUES, Release, figures, longest_on_wire
+from tests.hil.timing.wire_sets import MS, QUEUES, Release, figures, longest_on_wire, within
 
 BIT_NS = 1000
 DATA = b"\x55" * 8
@@ -24,6 +24,14 @@ def test_no_response_on_the_wire_is_longer_than_its_bound(kind: str) -> None:
     assert found["largest"] <= 1, found
     assert found["forced largest"] <= 1, found
     assert found["forced median"] >= (0.95 if kind != "three FIFO nodes" else 0.5), found
+
+
+def test_neither_is_one_of_a_message_that_two_nodes_send() -> None:
+    """Each instance by either of them, in a FIFO or by priority."""
+    runs = [within(seed, 3, 2, shared=True) for seed in range(100)]
+    ratios = [each for run, _ in runs for each in run]
+    assert len(ratios) > 500
+    assert max(ratios) <= 1
 
 
 def time_ns(identifier: int) -> int:

@@ -89,8 +89,8 @@ class Drawn(NamedTuple):
     bit_ns: int
 
 
-def draw(seed: int, nodes: int, fifo: int) -> Drawn:
-    """Return a set at 30 to 95 % load on so many nodes, some of them FIFO."""
+def draw(seed: int, nodes: int, fifo: int, shared: bool = False) -> Drawn:
+    """Return a set at 30 to 95 % load on so many nodes, some of them FIFO; shared: a third has a second sender."""
     drawn = random.Random(seed)
     count = drawn.randint(5, 12)
     lengths = [drawn.randint(0, 8) for _ in range(count)]
@@ -100,6 +100,8 @@ def draw(seed: int, nodes: int, fifo: int) -> Drawn:
     messages = []
     for k, (length, period) in enumerate(zip(lengths, periods, strict=True)):
         jitter, sender = drawn.choice([0, drawn.randint(0, 3 * period // 2)]), frozenset({f"n{drawn.randrange(nodes)}"})
+        if shared and drawn.random() < 0.33:
+            sender |= {f"n{drawn.randrange(nodes)}"}
         message = Message(f"m{k}", 0x100 + 3 * k, period, period, bits[k] * bit_ns, jitter, False, sender, length)
         messages.append(message)
     data = {each.identifier: drawn.randbytes(each.length or 0) for each in messages}
@@ -122,7 +124,10 @@ def at_random(drawn: Drawn, seed: int) -> dict[str, list[Release]]:
             jitter_ns = chance.choice([0, message.jitter_ns, chance.randint(0, message.jitter_ns)])
             queued_ns = max(queued_ns, released_ns + jitter_ns)
             data = chance.choice([drawn.data[message.identifier], chance.randbytes(message.length or 0)])
-            plan[node(message)].append(Release(queued_ns, released_ns, message.identifier, data))
+            sender = (
+                next(iter(message.senders)) if len(message.senders) == 1 else chance.choice(sorted(message.senders))
+            )
+            plan[sender].append(Release(queued_ns, released_ns, message.identifier, data))
     return plan
 
 
@@ -148,9 +153,9 @@ def critical(drawn: Drawn, asked: Response, seen: Sequence[Message]) -> dict[str
     return plan
 
 
-def within(seed: int, nodes: int, fifo: int) -> tuple[list[float], int]:
+def within(seed: int, nodes: int, fifo: int, shared: bool = False) -> tuple[list[float], int]:
     """Return measured / bound of every message of a random run, and how many have no bound."""
-    drawn = draw(seed, nodes, fifo)
+    drawn = draw(seed, nodes, fifo, shared)
     assert 0.29 < utilisation(drawn.messages) < 0.96
     bounds = response_times(drawn.messages, drawn.bit_ns, fifo=drawn.fifo)
     depths = {row["node"]: row["frames_at_most"] for row in queues(bounds, None) if row["frames_at_most"] is not None}
