@@ -5,6 +5,7 @@ gaps, no offset. This is the only module that imports cantools, which takes some
 """
 
 from importlib.resources import as_file, files
+from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,12 @@ LONGEST_DATA = 8
 LARGEST_VERSION = 255
 JOINTS = 6
 """Of the largest arm."""
+CYCLES = ("GenMsgCycleTime", "GenMsgCycleTimeFast", "GenMsgCycleTimeActive")
+MINIMUM_DISTANCE = "GenMsgDelayTime"
+"""The least time between two of a message, ms. Ref: Vector, CAPL functions, ChkStart_MsgRelOccurrenceViolation;
+Beckhoff, TF6650 (it becomes the inhibit time of CANopen)."""
+BY_EVENT = ("event", "spontan", "trigger")
+"""In the name of a GenMsgSendType: it comes by event, perhaps beside its cycle."""
 
 
 def load_arm() -> Codec:
@@ -36,7 +43,11 @@ def compile_dbc(path: str | Path) -> Codec:
 
 
 class Description(NamedTuple):
-    """What a database says of a message beside its layout. cycle_ms: 0 where it comes by event, or nothing is said."""
+    """What a database says of a message beside its layout.
+
+    cycle_ms: 0 where it comes by event, or nothing is said. distance_ms: how soon two may follow each other, at the
+    least, so far as the database says; else 0.
+    """
 
     name: str
     identifier: int
@@ -45,7 +56,8 @@ class Description(NamedTuple):
     length: int
     senders: frozenset[str]
     receivers: frozenset[str]
-    cycle_ms: int
+    cycle_ms: float
+    distance_ms: float
 
 
 def describe(path: str | Path) -> list[Description]:
@@ -78,8 +90,26 @@ def _describe(message: Message) -> Description:
         message.length,
         frozenset(message.senders),
         frozenset(message.receivers),
-        message.cycle_time or 0,
+        _number(message, CYCLES[0]),
+        _distance_ms(message),
     )
+
+
+def _distance_ms(message: Message) -> float:
+    """Return the shortest of its cycles; GenMsgDelayTime where it has none, or comes by event beside it."""
+    found = [_number(message, name) for name in CYCLES]
+    if not any(found) or any(word in (message.send_type or "").lower() for word in BY_EVENT):
+        found.append(_number(message, MINIMUM_DISTANCE))
+    return min((each for each in found if each), default=0)
+
+
+def _number(message: Message, name: str) -> float:
+    """Return an attribute of a message, or its default; 0 where it is missing or no number above 0."""
+    assert message.dbc is not None  # it was read from a DBC file
+    definition = message.dbc.attribute_definitions.get(name)
+    attribute = message.dbc.attributes.get(name)
+    value = attribute.value if attribute is not None else definition and definition.default_value
+    return value if isinstance(value, int | float) and isfinite(value) and value > 0 else 0
 
 
 def arm_dbc(joints: int, rad_per_count: float) -> str:

@@ -1,4 +1,4 @@
-"""`make bench`: how fast the rig and the wire run on this machine, and where the time goes.
+"""`make bench`: how fast the rig, the wire and the timing analysis run on this machine, and where the time goes.
 
 Figures are medians over several runs of simulated seconds per wall second (recording on, `bits`); a wall clock is read
 nowhere else to judge speed, and no test does.
@@ -20,6 +20,7 @@ from rich.table import Table
 from hil import bench_scaling, scenario_file
 from hil.addresses import restart_at_fixed_addresses
 from hil.bench_plot import write_plot
+from hil.bench_timing import show_timing
 from hil.bench_wire import show_wire
 from hil.processes import run_processes
 from hil.rig import run_inline
@@ -125,6 +126,7 @@ def main() -> int:
     show_parts(console)
     reached &= show_start(console)
     reached &= show_wire(console)
+    reached &= show_timing(console)
     costs = bench_scaling.measure()
     reached &= bench_scaling.show_scaling(console, costs)
     if plot is not None:

@@ -1,97 +1,99 @@
-"""A database's messages, analysed: which meet their deadlines at a bit rate, and the lowest rate at which all do."""
+"""Messages analysed: which meet their deadlines at a bit rate, and the lowest rate at which all do."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from dbc.codec import CodecError
-from dbc.compiler import Description, describe
-from hil.errors import ScenarioError
-from hil.timing.response_time import Errors, Message, Response, response_times, utilisation
-from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
+from hil.timing.frame_time import as_fd, as_seen, at_rates, bits_of
+from hil.timing.queues import queues
+from hil.timing.response_time import Errors, Message, Response, meet_deadlines, response_times, utilisation
 
 NS_A_SECOND = 1_000_000_000
-MS = 1_000_000
-LOWEST_BITRATE, HIGHEST_BITRATE = 1_000, 1_000_000
 
 
-def messages_of(path: Path, bit_ns: int, periods_ms: Mapping[str, float]) -> list[Message]:
-    """Return the messages of a DBC file; raise ScenarioError naming those that nothing gives a period.
+def analyse(
+    messages: Sequence[Message],
+    bit_ns: int,
+    errors: Errors | None = None,
+    *,
+    data_bit_ns: int | None = None,
+    fifo: Collection[str] = (),
+    depth: int | None = None,
+    actual_bits: Mapping[str, int] | None = None,
+) -> dict[str, Any]:
+    """Return utilisation and the bound of every message, in seconds, ready for JSON; measured ones are None here.
 
-    periods_ms: by name, in place of the database's; "": of all that have none. A deadline is the period, behind which
-    the next one would overwrite it.
+    data_bit_ns: of CAN FD; classic messages are bounded as such frames, too. depth: places in each transmit queue.
+    actual_bits: the longest frame seen of each message, by name, SOF to EOF.
     """
-    try:
-        described = describe(path)
-    except (CodecError, OSError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ScenarioError(f"--dbc {path}: {reason}: name a DBC file, such as a run folder's arm.dbc") from None
-    _refuse(described, periods_ms, path)
-    return [_message(each, bit_ns, periods_ms) for each in described]
-
-
-def _refuse(described: Sequence[Description], periods_ms: Mapping[str, float], path: Path) -> None:
-    unknown = sorted(periods_ms.keys() - {each.name for each in described} - {""})
-    if unknown:
-        raise ScenarioError(f"--period {', '.join(unknown)}: no such message in {path}: see its BO_ lines")
-    flexible = [each.name for each in described if each.fd]
-    if flexible:
-        raise ScenarioError(f"{path}: CAN FD is not analysed: leave {', '.join(flexible)} out")
-    lacking = [each.name for each in described if not each.cycle_ms and each.name not in periods_ms]
-    if lacking and "" not in periods_ms:
-        raise ScenarioError(
-            f"{path} has no GenMsgCycleTime for {', '.join(lacking)}: say how often each comes at most, "
-            f"for example --period {lacking[0]}=10, or --period 1000 for all of them"
-        )
-
-
-def _message(each: Description, bit_ns: int, periods_ms: Mapping[str, float]) -> Message:
-    period_ns = round((periods_ms.get(each.name) or each.cycle_ms or periods_ms[""]) * MS)
-    bits = worst_case_bits(each.length, each.extended) + INTERMISSION_BITS
-    return Message(each.name, each.identifier, period_ns, period_ns, bits * bit_ns, extended=each.extended)
-
-
-def analyse(messages: Sequence[Message], bit_ns: int, errors: Errors | None = None) -> dict[str, Any]:
-    """Return utilisation and the bound of every message, in seconds, ready for JSON; measured ones are None here."""
-    found = response_times(messages, bit_ns, errors)
+    data_ns = data_bit_ns or bit_ns
+    found = response_times(messages, bit_ns, errors, fifo)
+    flexible = data_bit_ns is not None and not all(each.data_bits for each in messages)
+    beside = as_fd(messages, bit_ns, data_ns) if flexible else None
+    seen = None if actual_bits is None else as_seen(messages, actual_bits, bit_ns, data_ns)
+    other = {
+        "response_bound_fd_s": _bounds(beside, bit_ns, errors, fifo),
+        "response_bound_actual_s": _bounds(seen, bit_ns, errors, fifo),
+    }
     return {
         "bitrate": NS_A_SECOND / bit_ns,
+        "data_bitrate": None if data_bit_ns is None else NS_A_SECOND / data_bit_ns,
         "utilisation": float(utilisation(messages)),
         "meets_deadlines": all(each.meets_deadline for each in found),
-        "lowest_bitrate": lowest_bitrate(messages, bit_ns, errors),
-        "messages": [_row(each, bit_ns) for each in found],
+        "lowest_bitrate": lowest_bitrate(messages, bit_ns, errors, data_bit_ns=data_bit_ns, fifo=fifo),
+        "queues": queues(found, depth),
+        "messages": [
+            _row(each, bits_of(each.message, bit_ns, data_ns))
+            | {key: bounds.get(each.message.name) for key, bounds in other.items()}
+            for each in found
+        ],
     }
 
 
-def _row(response: Response, bit_ns: int) -> dict[str, Any]:
+def _bounds(
+    messages: Sequence[Message] | None, bit_ns: int, errors: Errors | None, fifo: Collection[str]
+) -> dict[str, float | None]:
+    """Return the bounds of messages in seconds, by name; nothing for none."""
+    found = [] if messages is None else response_times(messages, bit_ns, errors, fifo)
+    return {each.message.name: _seconds(each.bound_ns) for each in found}
+
+
+def _row(response: Response, bits: int) -> dict[str, Any]:
     message = response.message
     return {
         "name": message.name,
         "identifier": message.identifier,
         "period_s": message.period_ns / NS_A_SECOND,
+        "jitter_s": message.jitter_ns / NS_A_SECOND,
         "deadline_s": message.deadline_ns / NS_A_SECOND,
-        "bits_worst": message.time_ns // bit_ns,
-        "response_bound_s": None if response.bound_ns is None else response.bound_ns / NS_A_SECOND,
+        "bits_worst": bits,
+        "response_bound_s": _seconds(response.bound_ns),
         "response_max_s": None,
         "meets_deadline": response.meets_deadline,
+        "unbounded": response.reason or None,
     }
 
 
-def lowest_bitrate(messages: Sequence[Message], bit_ns: int, errors: Errors | None = None) -> int | None:
-    """Return the lowest bit rate at which all deadlines are met, by bisection in bit/s; None if 1 Mbit/s is too slow.
+def _seconds(time_ns: int | None) -> float | None:
+    return None if time_ns is None else time_ns / NS_A_SECOND
 
-    A longer bit makes every term of every bound longer, so there is one such rate. Bits are whole ns here.
+
+def lowest_bitrate(
+    messages: Sequence[Message],
+    bit_ns: int,
+    errors: Errors | None = None,
+    *,
+    data_bit_ns: int | None = None,
+    fifo: Collection[str] = (),
+) -> int | None:
+    """Return the lowest bit rate at which all deadlines are met; None if 1 Mbit/s is too slow.
+
+    A longer bit makes every term of every bound longer, so there is one such rate. The data
+    rate of CAN FD stays what it is, for it is limited by other things, but is never below the other.
     """
+    data_ns = data_bit_ns or bit_ns
 
-    def suffices(bit: int) -> bool:
-        scaled = [replace(each, time_ns=each.time_ns // bit_ns * bit) for each in messages]
-        return all(each.meets_deadline for each in response_times(scaled, bit, errors))
+    def holds(bit: int) -> bool:
+        scaled = [at_rates(each, bit_ns, data_ns, bit, min(data_ns, bit)) for each in messages]
+        return meet_deadlines(scaled, bit, errors, fifo)
 
-    shortest, longest = NS_A_SECOND // HIGHEST_BITRATE, NS_A_SECOND // LOWEST_BITRATE
-    if not suffices(shortest):
-        return None
-    while longest - shortest > 1:
-        middle = (shortest + longest) // 2
-        shortest, longest = (middle, longest) if suffices(middle) else (shortest, middle)
-    return -(-NS_A_SECOND // shortest)
+    return search.lowest_bitrate(holds)

@@ -10,7 +10,7 @@ from firmware_py.dsp.cpu import ACCEL_REFS
 from hil.constants import TAIL_BITS, cycle_frames
 from hil.scenario import Scenario
 from hil.scenario_parts import to_ns
-from hil.timing.analysis import HIGHEST_BITRATE, LOWEST_BITRATE, NS_A_SECOND
+from hil.timing import search
 from hil.timing.cycle import Bound, Late, Slot, Timing, bounds
 from hil.timing.response_time import Errors
 from hil.wire.bits import INTERMISSION_BITS, shortest_bits, worst_case_bits
@@ -109,15 +109,9 @@ def lowest_bitrate(cycle: Cycle, data_bit_ns: int | None = None, errors: Errors 
 
     data_bit_ns: of the data phase of CAN FD, which stays as it is; a bit is at least as long.
     """
-    shortest = max(NS_A_SECOND // HIGHEST_BITRATE, data_bit_ns or 0)
-    longest = NS_A_SECOND // LOWEST_BITRATE
-    if not cycle.fits(Rates(shortest, data_bit_ns), errors):
-        return None
-    while longest - shortest > 1:
-        middle = (shortest + longest) // 2
-        fits = cycle.fits(Rates(middle, data_bit_ns), errors)
-        shortest, longest = (middle, longest) if fits else (shortest, middle)
-    return -(-NS_A_SECOND // shortest)
+    return search.lowest_bitrate(
+        lambda bit_ns: cycle.fits(Rates(bit_ns, data_bit_ns), errors), max(search.SHORTEST_BIT_NS, data_bit_ns or 0)
+    )
 
 
 def by_joints(cycle: Cycle, data_bit_ns: int) -> list[dict[str, Any]]:

@@ -1,9 +1,13 @@
-"""The search for a limit: the largest value of a quantity with which something still holds."""
+"""The search for a limit: the largest value of a quantity with which something still holds, the lowest bit rate."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import floor
 
+from hil.wire.rates import NS_PER_S
+
+SHORTEST_BIT_NS, LONGEST_BIT_NS = 1_000, 1_000_000
+"""Of 1 Mbit/s and 1 kbit/s."""
 STRIDES = 64
 """The first stride is this part of the span; the next ones double."""
 
@@ -41,3 +45,17 @@ def largest(holds: Callable[[float], bool], low: float, high: float, steps: int,
         step = (good + bad) // 2
         good, bad = (step, bad) if at(step) else (good, step)
     return Largest(low + good * (high - low) / steps)
+
+
+def lowest_bitrate(holds: Callable[[int], bool], shortest_ns: int = SHORTEST_BIT_NS) -> int | None:
+    """Return the lowest bit rate, by the longest bit in whole ns with which it holds; None if the shortest is too long.
+
+    It must hold for every shorter bit then, too: what bounds are made of grows with the bit.
+    """
+    if not holds(shortest_ns):
+        return None
+    good, bad = shortest_ns, LONGEST_BIT_NS
+    while bad - good > 1:
+        bit_ns = (good + bad) // 2
+        good, bad = (bit_ns, bad) if holds(bit_ns) else (good, bit_ns)
+    return -(-NS_PER_S // good)

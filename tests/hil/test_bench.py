@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from hil import bench_scaling
+from hil import bench_scaling, bench_timing
 from hil.bench_clients import Case
 from hil.bench_nodes import ACCELREF, ANSWERS, CURRENTS, ENCODERS, FRAMES_A_CYCLE, SYNC
 from hil.bench_plot import write_plot
 from hil.bench_wire import BUSES
+from hil.timing.response_time import response_times, utilisation
 
 CYCLES = 20
 CYCLE = [SYNC, *ENCODERS, *CURRENTS, ACCELREF]
@@ -51,3 +52,12 @@ def test_the_plot_is_a_png(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     write_plot({case: 7.0 * case.acceptors for case in bench_scaling.cases()}, tmp_path / "new" / "scaling.png")
     assert (tmp_path / "new" / "scaling.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("load", bench_timing.LOADS)
+def test_the_analysis_is_measured_on_as_many_messages_as_it_says_at_the_load_that_it_says(load: float) -> None:
+    """Bits of whole ns: within 1 % of the load. All have bounds, so that nothing was cut short."""
+    messages, bit_ns = bench_timing.drawn(load)
+    assert len(messages) == 100
+    assert float(utilisation(messages)) == pytest.approx(load, rel=0.01)
+    assert all(each.bound_ns is not None for each in response_times(messages, bit_ns))

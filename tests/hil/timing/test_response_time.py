@@ -1,12 +1,13 @@
 """Response-time bounds: published examples, a naive bus, and what cannot be bounded."""
 
 import random
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.timing.response_time import Errors, Message, response_times, utilisation
+from hil.timing.response_time import CIRCULAR, Errors, Message, meet_deadlines, response_times, utilisation
 from tests.hil.timing.naive_bus import longest_responses
 
 MS = 1_000_000
@@ -98,3 +99,68 @@ def test_extended_identifiers_lose_against_the_same_eleven_bits() -> None:
 def test_two_of_one_identifier_are_refused() -> None:
     with pytest.raises(ValueError, match="a and b share identifier 0x123"):
         response_times([Message("a", 0x123, MS, MS, 1), Message("b", 0x123, MS, MS, 1)], 1)
+
+
+def sent_by(senders: str, rows) -> list[Message]:
+    """Return messages from (period, time) in priority order, each with the sender of that letter."""
+    return [replace(each, senders=frozenset({name})) for name, each in zip(senders, made(rows), strict=True)]
+
+
+def test_a_fifo_lets_all_of_its_messages_wait_for_what_goes_before_the_lowest() -> None:
+    """A is a FIFO of two, each 1 ms: both wait for the other and for the one of B between them; nothing is below."""
+    messages = sent_by("ABA", [(20 * MS, MS)] * 3)
+    assert [each.bound_ns for each in response_times(messages, BIT_NS)] == [2 * MS, 3 * MS, 3 * MS]
+    assert [each.bound_ns for each in response_times(messages, BIT_NS, fifo={"A"})] == [3 * MS, 3 * MS, 3 * MS]
+
+
+def test_a_fifo_of_one_message_is_a_queue_by_priority() -> None:
+    messages = sent_by("ABC", [(2_500_000, MS), (3_500_000, MS), (3_500_000, MS)])
+    assert response_times(messages, BIT_NS, fifo=set("ABC")) == response_times(messages, BIT_NS)
+
+
+def test_errors_cost_as_much_in_a_fifo() -> None:
+    """One error within the busy period: an error frame and the longest frame again, for every message."""
+    messages = sent_by("ABA", [(20 * MS, MS)] * 3)
+    found = response_times(messages, BIT_NS, Errors(burst=1, interval_ns=100 * MS), fifo={"A"})
+    assert [each.bound_ns for each in found] == [3 * MS + 31 * BIT_NS + MS] * 3
+
+
+@pytest.mark.usefixtures("bounded")
+def test_fifo_queues_that_delay_each_other_without_end_are_said_so() -> None:
+    """At 96 % load three FIFO of three have no bound; by priority all have."""
+    messages = sent_by("ABCABCABC", [(each * MS, MS) for each in (8, 8, 9, 9, 9, 10, 10, 10, 11)])
+    assert 0.95 < utilisation(messages) < 1
+    assert all(each.bound_ns is not None for each in response_times(messages, BIT_NS))
+    found = response_times(messages, BIT_NS, fifo=set("ABC"))
+    assert {each.bound_ns for each in found} == {None}
+    assert CIRCULAR in {each.reason for each in found}
+
+
+def test_a_message_of_several_senders_is_bounded_in_the_queue_of_any() -> None:
+    """Stop may wait behind the lowest of the FIFO A, or go ahead of all from B: the first is its bound.
+
+    What waits for it counts it once, wherever it comes from.
+    """
+    low = Message("low", 0x300, 20 * MS, 20 * MS, MS, senders=frozenset("A"))
+    stop = Message("stop", 0x010, 20 * MS, 20 * MS, MS, senders=frozenset("AB"))
+    middle = Message("middle", 0x200, 20 * MS, 20 * MS, MS, senders=frozenset("C"))
+    found = response_times([low, stop, middle], BIT_NS, fifo={"A"})
+    assert [each.bound_ns for each in found[1:]] == [3 * MS, 3 * MS]
+    assert found[0].bound_ns == 4 * MS  # its own like from B is counted as well
+
+
+@pytest.mark.usefixtures("bounded")
+@pytest.mark.parametrize("spare", [0, 1, 10, 1_000, 100_000])
+def test_a_bus_that_is_all_but_full_has_an_answer_soon(spare: int) -> None:
+    """From 100 % down to 99 %, periods without a common divisor: a bound or a reason, and no endless loop."""
+    rows = [(10 * MS + 7 * k + spare, MS) for k in range(10)]
+    for fifo in (set(), {"A", "B"}):
+        for response in response_times(sent_by("ABABABABAB", rows), BIT_NS, fifo=fifo):
+            assert (response.bound_ns is None) == bool(response.reason)
+
+
+def test_deadlines_are_met_as_the_bounds_say() -> None:
+    rows = [(2_500_000, MS), (3_500_000, MS), (3_500_000, MS)]
+    assert meet_deadlines(made(rows), BIT_NS)
+    late = [*made(rows)[:2], replace(made(rows)[2], deadline_ns=3_499_999)]
+    assert not meet_deadlines(late, BIT_NS)
