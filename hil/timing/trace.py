@@ -34,12 +34,9 @@ FRAMES, CYCLES = 1, 2
 def write_trace(path: Path, scenario: Scenario, timeline: Timeline) -> Path:
     """Write a run from its set-up on in the Chrome trace event format, every instant to the ns; return the path."""
     trace = _Trace(scenario, timeline, load_arm())
-    found = {
-        "displayTimeUnit": "ns",
-        "otherData": {"scenario": scenario.name, "cycle_0_us": trace.us(0), "period_us": scenario.period_ns / 1e3},
-        "traceEvents": list(trace.events()),
-    }
-    path.write_text(json.dumps(found, separators=(",", ":")) + "\n")
+    known = {"scenario": scenario.name, "cycle_0_us": trace.us(0), "period_us": scenario.period_ns / 1e3}
+    events = ",\n".join(json.dumps(event, separators=(",", ":")) for event in trace.events())
+    path.write_text(f'{{"displayTimeUnit":"ns","otherData":{json.dumps(known)},"traceEvents":[\n{events}\n]}}\n')
     return path
 
 

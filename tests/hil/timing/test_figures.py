@@ -142,15 +142,22 @@ def test_gantt_shows_every_frame_of_its_cycles(drawn):
         assert edges == [k * period_us, (k + 1) * period_us]
 
 
-def test_a_name_stands_beside_its_own_bar(drawn):
-    """In its lane, in the bar or next to it."""
+def test_a_name_is_in_its_bar_or_next_to_it(drawn):
+    """White within the bar of a frame, black on no bar at all, but touching its own."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    renderer = FigureCanvasAgg(drawn.figures["gantt"]).get_renderer()
     for axes in drawn.figures["gantt"].axes:
-        spans = {bar.get_y() + bar.get_height() / 2: bar for bar in axes.patches}
-        assert spans
+        assert axes.texts
         for text in axes.texts:
             at, lane = text.get_position()
             own = [bar for bar in axes.patches if bar.get_y() < lane < bar.get_y() + bar.get_height()]
             assert any(bar.get_x() - CLOSE <= at <= bar.get_x() + bar.get_width() + CLOSE for bar in own)
+            name, boxes = text.get_window_extent(renderer), [bar.get_window_extent(renderer) for bar in own]
+            if text.get_color() == "white":
+                assert any(box.x0 <= name.x0 and name.x1 <= box.x1 for box in boxes), text
+            else:
+                assert all(name.x1 <= box.x0 + 0.5 or box.x1 <= name.x0 + 0.5 for box in boxes), text
 
 
 def test_gantt_tells_how_full_the_bus_is(five):
@@ -255,9 +262,9 @@ def test_nothing_is_written_where_no_frame_was_sent(one, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("until_ns", [-150_000_000, 2_500_000])
-def test_a_run_that_ended_early(one, tmp_path, until_ns):
-    """In its set-up, or in its third cycle."""
+@pytest.mark.parametrize(("until_ns", "cycles"), [(-150_000_000, (-153, -152)), (2_500_000, (0, 1))])
+def test_a_run_that_ended_early(one, tmp_path, until_ns, cycles):
+    """In its set-up, or in its third cycle: the two cycles before its last frame are shown."""
     timeline = Timeline()
     timeline.frames = [frame for frame in one.timeline.frames if frame.ends_ns < until_ns]
     never = {"mean_s": None, "max_s": None}
@@ -267,6 +274,8 @@ def test_a_run_that_ended_early(one, tmp_path, until_ns):
     ]
     found = one.study.found | {"chains": chains}
     assert len(pictures.write(tmp_path, Study(found, one.study.outcome, timeline))) == 9
+    gantt = (tmp_path / "gantt.svg").read_text()
+    assert all(f">cycle {cycle}<" in gantt for cycle in cycles)
 
 
 @pytest.mark.parametrize("what", ["all", "gantt", "responses", "waterfalls"])
