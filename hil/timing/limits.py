@@ -1,7 +1,7 @@
 """The limits of a scenario's loop: how much delay it bears, and how much g and Jn, as the rig runs and in theory.
 
-A delay is a dead time of the amplifiers (`drive.dead_time_s`) on top of what bus, nodes and scenario have. It is
-raised by bisection until the loop fails (hil/paper/stability.py): if it fails with one, it does with every longer one.
+A delay is a dead time of the amplifiers (`drive.dead_time_s`) on top of what bus, nodes and scenario have. Each
+quantity is raised until the loop fails (hil/paper/stability.py), and taken to fail with all that is beyond.
 The theory is linear: poles of the sampled loop at the poses of the command, with the mean delays of the scenario's own
 run; friction, gravity, rounding, limits and contact are not in it. Units: s, rad/s; joints from 1.
 """

@@ -18,7 +18,7 @@ from hil.timing.limits import Rig, delay_margin, examine, largest_g, largest_ine
 from hil.timing.search import Largest, largest
 
 T = 0.001
-SHORT = ("duration_s=0.8", "trajectory.time_s=0.5", "trajectory.by_rad=[0.1]")
+SHORT = ("duration_s=0.6", "trajectory.time_s=0.4", "trajectory.by_rad=[0.1]")
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_the_delay_margin_of_a_linear_joint_is_the_predicted_one(executor: Execu
 
 def test_each_joint_of_an_arm_has_a_margin_of_its_own(executor: Executor) -> None:
     """The others stay as they are. On an arm theory is not exact: friction holds, and the worst pose is passed soon."""
-    settings = ["duration_s=0.6", "trajectory.time_s=0.4", "trajectory.by_rad=[0.1, 0.1]"]
+    settings = ["duration_s=0.4", "trajectory.time_s=0.3", "trajectory.by_rad=[0.1, 0.1]"]
     rig = rig_of(scenario_file.load("two-joints", settings))
     first, second = executor.map(delay_margin, [rig, rig], [1, 2])
     for found in (first, second):
@@ -158,7 +158,7 @@ def test_a_run_too_short_to_tell_does_not_grow() -> None:
 
 
 def test_a_joint_that_deviates_beyond_its_bound_has_failed() -> None:
-    loaded = linear("torque=[{joint=1, amplitude_N_m=20.0, until_s=0.8}]", "joint.g_rad_s=100")
+    loaded = linear("torque=[{joint=1, amplitude_N_m=20.0, until_s=0.6}]", "joint.g_rad_s=100")
     assert failed(loaded, bound_rad=1e-3)
     assert not failed(loaded, bound_rad=1e-2)
 
@@ -186,8 +186,9 @@ def test_what_the_theory_does_not_know_is_measured_only(
     assert found.measured.value is not None
 
 
-def test_without_observer_three_periods_of_delay_are_borne_and_it_is_said_so() -> None:
+def test_without_observer_three_periods_of_delay_are_borne_and_it_is_said_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its K1 alone crosses 1 at 90 rad/s, with a phase margin for some 10 ms."""
+    monkeypatch.setattr(limits, "COARSE", 4)
     assert delay_margin(rig_of(linear("joint.observer=false")), 1).measured == Largest(3 * T, beyond=True)
 
 
