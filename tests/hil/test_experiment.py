@@ -71,9 +71,10 @@ def _final_mean(name: str, *settings: str) -> np.ndarray:
     return mean
 
 
-@pytest.mark.parametrize("name", scenario_file.builtin_names())
+@pytest.mark.parametrize("name", [name for name in scenario_file.builtin_names() if name != "drift"])
 @pytest.mark.parametrize("settings", [(), (OFF,), ("bus.fidelity=functional",)])
 def test_nothing_is_lost_missed_or_saturated_in_a_built_in_scenario(name: str, settings: tuple[str, ...]) -> None:
+    """All but drift, which is late on purpose (tests/hil/timing/test_drift.py)."""
     summary = summarise(ran(name, *settings), evaluated(name, *settings), 0.0)
     assert [summary[key] for key in ("lost_frames", "deadline_misses", "saturations", "faults")] == [0, 0, 0, []]
     assert summary["cycles"] == scenario_file.load(name, settings).cycles
