@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from hil.timing import search
 from hil.timing.frame_time import as_fd, as_seen, at_rates, bits_of
 from hil.timing.queues import queues
 from hil.timing.response_time import Errors, Message, Response, meet_deadlines, response_times, utilisation
