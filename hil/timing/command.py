@@ -19,14 +19,14 @@ from hil.options import (
 from hil.reported import reported
 from hil.timing import options
 
-FAST_BITRATE = 4_000_000
+NOMINAL_BITRATE, FAST_BITRATE = 1_000_000, 4_000_000
 
 
 @reported
 def timing(
     scenario: options.ScenarioArgument = None,
     dbc: options.Database = None,
-    bitrate: options.Bitrate = 1_000_000,
+    bitrate: options.Bitrate = None,
     data_bitrate: options.DataBitrate = None,
     period: options.Periods = [],  # noqa: B006 (typer reads the default, nobody writes it)
     jitter: options.Jitters = [],  # noqa: B006 (as above)
@@ -57,10 +57,13 @@ def timing(
     if (dbc is None) == (scenario is None):
         raise typer.BadParameter("name a scenario, for example paper-joint, or a database with --dbc; one of both")
     if dbc is not None:
+        refuse("--dbc", set=settings, channel=channel, external=external, at=at, bus=bus_only, jobs=jobs, out=out)
         jitters = by_name("--jitter", jitter, Decimal(0))
         given = Given(by_name("--period", period), jitters, by_name("--deadline", deadline))
-        analyse_database(dbc, rates_of(bitrate, data_bitrate), given, errors, fifo, depth, as_json)
+        analyse_database(dbc, rates_of(bitrate or NOMINAL_BITRATE, data_bitrate), given, errors, fifo, depth, as_json)
     elif scenario is not None:
+        own = "a scenario, which has its own: see --set"
+        refuse(own, bitrate=bitrate, period=period, jitter=jitter, deadline=deadline, fifo=fifo, depth=depth)
         clock = "virtual" if interface == "hil" and channel is None else "wall"
         chosen = scenario_file.load(scenario, with_clock(settings, clock))
         fast_ns = rates_of(chosen.bus.bitrate, data_bitrate or FAST_BITRATE).data_bit_ns or chosen.bit_ns
@@ -74,3 +77,10 @@ def timing(
                 where = place, external, channels_of(at)
                 found = report.by_the_clock(dilated(chosen, pace), *where, fast_ns, errors, step, notice)
         report.conclude(found, as_json, out)
+
+
+def refuse(what: str, **given: object) -> None:
+    """Refuse options that would mean nothing."""
+    for name, value in given.items():
+        if value not in (None, [], False):
+            raise typer.BadParameter(f"--{name} does not go with {what}")

@@ -9,7 +9,9 @@ ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in scenari
 Database = Annotated[
     Path | None, typer.Option("--dbc", help="Analyse a database alone: messages, lengths, senders, GenMsgCycleTime.")
 ]
-Bitrate = Annotated[int, typer.Option(min=1_000, max=1_000_000, help="Of --dbc: bits per second.")]
+Bitrate = Annotated[
+    int | None, typer.Option(min=1_000, max=1_000_000, help="Of --dbc: bits per second; default: 1000000.")
+]
 DataBitrate = Annotated[
     int | None,
     typer.Option(

@@ -46,7 +46,7 @@ def _messages(rows: list[dict[str, Any]]) -> Table:
 
 
 def _bound(bound_s: float | None) -> str:
-    return "for ever" if bound_s is None else f"{bound_s * 1e3:.3f}"
+    return "no end" if bound_s is None else f"{bound_s * 1e3:.3f}"
 
 
 def _queues(rows: list[dict[str, Any]]) -> Table:

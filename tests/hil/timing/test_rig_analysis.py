@@ -240,6 +240,8 @@ def test_the_command_says_it_all_as_json(hil: Any) -> None:
     [
         ((), 2, "name a scenario, for example paper-joint, or a database with --dbc"),
         (("paper-joint", "--dbc", "x.dbc"), 2, "one of both"),
+        (("paper-joint", "--bitrate", "500000"), 2, "--bitrate does not go with a scenario, which has its own"),
+        (("--dbc", "x.dbc", "--out", "there"), 2, "--out does not go with --dbc"),
         (("paper-jont",), 3, "no scenario 'paper-jont'"),
         (("paper-joint", "--set", "bus.fidelity=functional"), 3, "frames take no time"),
         (("paper-joint", "--set", "bus.bitrate=800000"), 6, "State may not end within clock.period_s = 0.001"),
