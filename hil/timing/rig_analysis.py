@@ -45,6 +45,7 @@ class Analysis:
         return {
             "scenario": self.scenario.name,
             "clock": self.scenario.clock.kind,
+            "pace": self.scenario.clock.pace,
             "bitrate": self.rates.bitrate,
             "data_bitrate": NS_A_SECOND / data_bit_ns,
             "period_s": self.scenario.clock.period_s,
@@ -111,7 +112,9 @@ class Analysis:
 
     def _responses(self, bounds: list[Bound | None], seen: Mapping[str, Any], by_answer: bool) -> dict[str, Any]:
         """Return bounds with the longest frames, with those of the run, as CAN FD; what was measured beside."""
-        waits = [None if bound is None else bound.response_ns + by_answer * bound.slot.delay_ns for bound in bounds]
+        waits = [None if bound is None else bound.response_ns for bound in bounds]
+        if by_answer:
+            waits = [None if bound is None else bound.response_ns + _computes_ns(bound) for bound in bounds]
         bound_s, actual_s, flexible_s = (seconds(each) for each in waits)
         response = seen.get("response")
         largest_s = None if response is None else response["max_s"]
@@ -126,6 +129,11 @@ class Analysis:
             "max_to_bound_actual": None if spans_ns is None else _ratio(largest_s, actual_s),
             "response": response,
         }
+
+
+def _computes_ns(bound: Bound) -> int:
+    """Return how long its sender computes, where a frame answers another."""
+    return 0 if bound.slot.after is None else bound.slot.delay_ns
 
 
 def _ratio(measured_s: float | None, bound_s: float | None) -> float | None:

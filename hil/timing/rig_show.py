@@ -26,8 +26,11 @@ def show(console: Console, found: dict[str, Any]) -> None:
 
 def _messages(found: dict[str, Any]) -> Table:
     """Return a row a message; State and Heartbeat, which take turns, as their longest."""
-    asked = "queued" if found["clock"] == "virtual" else "the frame that it answers"
-    table = _table(f"every frame's response: from {asked} to the end of intermission, us")
+    asked, of_time = "queued", ""
+    if found["clock"] == "wall":
+        dilated = f", dilated {1 / found['pace']:g} times" if found["pace"] < 1 else ""
+        asked, of_time = "the frame that it answers", f" of wall time{dilated}"
+    table = _table(f"every frame's response: from {asked} to the end of intermission, us{of_time}")
     table.add_column("message", no_wrap=True)
     for head in ("bits", "queued", "p50", "p99.9", "max", "bound", "run's", "FD's", "deadline"):
         table.add_column(head, justify="right", no_wrap=True)

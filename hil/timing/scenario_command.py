@@ -21,6 +21,7 @@ from hil.timing.margin_show import show_margins
 from hil.timing.response_time import Errors
 from hil.timing.study import Study, study
 from hil.timing.wall_study import wall_study
+from hil.wall_summary import real_time
 from hil.watchdog import Notice
 
 if TYPE_CHECKING:
@@ -125,9 +126,12 @@ def _show(report: Report, out: Path | None) -> None:
 def _write(report: Report, path: Path) -> None:
     """Write the folder, whole or not at all: figures first, for which an extra may be missing."""
     from hil.timing import drift_figure, margin_figures, pictures
+    from hil.wall_figure import write_latency
 
     with run_folder(path) as folder:
         pictures.write(folder, report.bus)
+        if report.bus.outcome is not None and report.bus.outcome.clock:
+            write_latency(folder, {"scenario": report.json["scenario"], **real_time(report.bus.outcome)})
         if report.drift is not None:
             drift_figure.write_drift(folder, report.drift)
         if report.margins is not None:

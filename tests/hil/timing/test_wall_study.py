@@ -30,6 +30,7 @@ def test_an_answer_takes_what_its_process_and_the_bus_take() -> None:
     assert current["response"]["p50_s"] == pytest.approx((WORK_NS["joint1"] + BUS_NS) * 1e-9)
     assert current["response_bound_s"] == pytest.approx(125e-6 + 209e-6)
     assert current["max_to_bound"] == pytest.approx(current["response_max_s"] / current["response_bound_s"])
+    assert rows["State_0"]["response_bound_s"] == pytest.approx(135e-6)  # it answers nothing, and is not measured
     assert (rows["State_0"]["response"], rows["State_0"]["response_max_s"]) == (None, None)
 
 
