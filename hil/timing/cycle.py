@@ -12,7 +12,8 @@ With [A, B] the window of a frame, c and C its shortest and longest time on the 
   the fixed point from below. That sum changes with s only at the B's, so it is enough to try these.
 * A frame starts no earlier than x + sum of c of those of higher priority with A >= x and B <= its own A, for any x.
 
-Windows and bounds are iterated until they agree. All frames must end with their cycle: so each cycle stands alone.
+Windows and bounds are iterated until they agree. All frames must end with their cycle, but those released by a clock of
+their own, which must end within a period: so a cycle stands alone but for these, which may meet the next one's frames.
 
 Ref: J. Palencia, M. Gonzalez Harbour, "Schedulability analysis for tasks with static and dynamic offsets", RTSS 1998
 (releases in windows behind one another); R. Davis et al., Real-Time Systems 35 (2007) (blocking, busy period).
@@ -173,21 +174,26 @@ class _Cycle:
     def _wait(self, bound: Bound, higher: Sequence[Bound], s_ns: int, blocking_ns: int) -> int:
         """Return how long after s the frame starts at the latest, behind those that go first."""
         rest_ns, own_ns = self.timing.intermission_ns, bound.slot.longest_ns
-        first = [each for each in higher if each.slot.free or each.latest_ns >= s_ns]
-        again_ns = max([own_ns, *(each.slot.longest_ns for each in first)])
+        again_ns = max([own_ns, *(each.slot.longest_ns for each in higher)])
         wait_ns = blocking_ns
         while True:
             longer_ns = blocking_ns + self._disturbed(wait_ns + own_ns + rest_ns, again_ns + rest_ns)
-            for each in first:
-                if each.slot.free:
-                    longer_ns += (each.slot.longest_ns + rest_ns) * (wait_ns // self.timing.period_ns + 1)
-                elif each.earliest_ns <= s_ns + wait_ns:
-                    longer_ns += each.slot.longest_ns + rest_ns
+            longer_ns += sum(
+                (each.slot.longest_ns + rest_ns) * self._instances(each, bound, s_ns, s_ns + wait_ns) for each in higher
+            )
+            if longer_ns + (own_ns + rest_ns) * bound.slot.free > self.timing.period_ns:
+                raise Late(bound.slot.name)
             if longer_ns == wait_ns:
                 return wait_ns
-            if longer_ns > self.timing.period_ns:
-                raise Late(bound.slot.name)
             wait_ns = longer_ns
+
+    def _instances(self, each: Bound, bound: Bound, s_ns: int, until_ns: int) -> int:
+        """Return how often a frame of higher priority may be released from s until then."""
+        period_ns = self.timing.period_ns
+        if each.slot.free:
+            return (until_ns - s_ns) // period_ns + 1
+        now = each.latest_ns >= s_ns and each.earliest_ns <= until_ns
+        return now + (bound.slot.free and each.earliest_ns + period_ns <= until_ns)
 
     def _disturbed(self, span_ns: int, again_ns: int) -> int:
         """Return how long errors may take the bus in so much time, each with a frame that is sent again."""
