@@ -15,16 +15,18 @@ PATIENCE = 5.0
 """Periods of silence after which one looks what has become of the nodes: their own rules engage the brakes before."""
 SLOW = ("State", "Heartbeat")
 """Frames of many senders that count as one."""
-BUS, COMPUTING, HOST = "bus", "computing", "host"
-"""Causes of a current that does not act in its cycle: errors on the bus; a board's CPU; this machine's processes."""
+BUS, COMPUTING, DRIVE, HOST = "bus", "computing", "drive", "host"
+"""Causes of a current that does not act in its cycle: errors on the bus; a board's CPU; this machine's processes. What
+its drive does with it nobody sees."""
 
 
 class WallWitness(Witness):
     """Knows by the stamps, too, when each frame was on the bus.
 
     missing_frames: not heard in their cycle, by name; skipped: cycles without Sync; since_sync_s: of each frame, behind
-    its cycle's Sync, in wall time; answers_s: of each frame, behind the one that it answers; intervals_s: from Sync to
-    Sync. misses: of each joint's current, by cause. external: nodes of somebody else; errors: on the bus, so far.
+    its cycle's Sync, in wall time; answers_s: of each frame, behind the one that it answers; by_dsp_s: of each
+    Current, behind the Sync before its own, whose AccelRef it uses; intervals_s: from Sync to Sync. misses: of each
+    joint's current, by cause. external: nodes of somebody else; errors: on the bus, so far.
     """
 
     in_real_time = True
@@ -44,12 +46,14 @@ class WallWitness(Witness):
         self.skipped = 0
         self.since_sync_s: dict[str, array[float]] = {}
         self.answers_s: dict[str, array[float]] = {}
+        self.by_dsp_s: dict[str, array[float]] = {}
         self.intervals_s = array("d")
-        self.misses = {f"joint{n}": dict.fromkeys((BUS, COMPUTING, HOST), 0) for n in self._joints}
+        self.misses = {f"joint{n}": dict.fromkeys((BUS, COMPUTING, DRIVE, HOST), 0) for n in self._joints}
         self._pace = scenario.clock.pace
         self._wall_period_s = scenario.clock.period_s / scenario.clock.pace
         self.patience_s = PATIENCE * self._wall_period_s
         self._sync_came_ns = 0
+        self._sync_before_ns: int | None = None
         self._came_ns: dict[str, int] = {}
 
     def _instant(self, name: str, data: bytes, came_ns: int) -> int:
@@ -58,6 +62,7 @@ class WallWitness(Witness):
         if name == "Sync":
             if self.cycle > 0:
                 self.intervals_s.append((came_ns - self._sync_came_ns) * 1e-9)
+            self._sync_before_ns = self._sync_came_ns if self.cycle > 0 and "AccelRef" in self._came_ns else None
             self._sync_came_ns = came_ns
             self._came_ns.clear()
         self._came_ns[name] = came_ns
@@ -69,6 +74,8 @@ class WallWitness(Witness):
             asked_ns = None if late_s else self._came_ns.get(self._answered(name))
             if asked_ns is not None:
                 self.answers_s.setdefault(name, array("d")).append((came_ns - asked_ns) * 1e-9)
+            if not late_s and kind.startswith("Current") and self._sync_before_ns is not None:
+                self.by_dsp_s.setdefault(name, array("d")).append((came_ns - self._sync_before_ns) * 1e-9)
         return self.cycle * self._period_ns + min(round(max(0, since_ns) * self._pace), self._period_ns - 1)
 
     def _answered(self, name: str) -> str:
@@ -116,5 +123,6 @@ class WallWitness(Witness):
             "sync_interval": distribution(self.intervals_s),
             "since_sync": {name: distribution(values) for name, values in sorted(self.since_sync_s.items())},
             "answers": {name: distribution(values) for name, values in sorted(self.answers_s.items())},
+            "by_dsp": {name: distribution(values) for name, values in sorted(self.by_dsp_s.items())},
             "current_misses": self.misses,
         }

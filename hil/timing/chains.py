@@ -19,9 +19,8 @@ from hil.timing.cycle import Bound
 from hil.timing.measured import ENDS, QUEUED, STARTS, Array, seconds
 
 Bools = npt.NDArray[np.bool_]
-BUS, COMPUTING, HOST = "bus", "computing", "host"
+BUS, COMPUTING, DRIVE, HOST = "bus", "computing", "drive", "host"
 """Causes of a miss: the host's share is 0 in virtual time, where the machine cannot be late."""
-DRIVE = "drive"
 
 
 @dataclass(frozen=True)
@@ -51,26 +50,39 @@ class Chain:
         return total
 
     def misses(self) -> dict[str, int]:
-        """Return how often the deadline was missed, by cause: computing beyond what was declared, or else the bus."""
+        """Return how often the deadline was missed, by cause.
+
+        computing: where it took longer than declared, or gave no answer; drive: where it would have been met without
+        the dead time; else the bus.
+        """
         late = ~(self.lasts_ns <= self.deadline_ns)
-        slow = np.zeros_like(late)
+        slow, dead_ns = np.zeros_like(late), np.zeros(len(late))
         for part in self.parts:
             if part.cause == COMPUTING:
                 slow |= part.lasts_ns > part.limit_ns
-        return {BUS: int(np.sum(late & ~slow)), COMPUTING: int(np.sum(late & slow)), HOST: 0}
+            if part.cause == DRIVE:
+                dead_ns += part.lasts_ns
+        dead = late & ~slow & (self.lasts_ns - dead_ns <= self.deadline_ns)
+        by_bus = late & ~slow & ~dead
+        counts = {BUS: by_bus, COMPUTING: late & slow, DRIVE: dead, HOST: np.zeros_like(late)}
+        return {cause: int(np.sum(missed)) for cause, missed in counts.items()}
 
 
 @dataclass(frozen=True)
 class Run:
-    """What chains are made of. instants: of messages by cycle; silent: in which cycles each node gave no answer."""
+    """What chains are made of, of so many cycles as there were.
+
+    instants: of messages by cycle; silent: in which cycles each node gave no answer.
+    """
 
     scenario: Scenario
+    cycles: int
     instants: dict[str, Array]
     silent: dict[str, Bools]
 
     def of(self, name: str) -> Array:
         """Return the instants of a message, nan where there was none."""
-        return self.instants.get(name, np.full((self.scenario.cycles, 3), np.nan))
+        return self.instants.get(name, np.full((self.cycles, 3), np.nan))
 
     def computes(self, node: str, asked: Array, answer: Array, declared_ns: float) -> Part:
         """Return how long a node computed; for ever where it gave no answer to what it heard."""
@@ -157,7 +169,7 @@ def _by_dsp(run: Run, n: int) -> tuple[Part, ...]:
 
 
 def _samples_ns(run: Run) -> Array:
-    return np.arange(run.scenario.cycles, dtype=np.float64) * run.scenario.period_ns
+    return np.arange(run.cycles, dtype=np.float64) * run.scenario.period_ns
 
 
 def _frame(name: str, instants: Array, before_ns: Array | float = 0.0) -> tuple[Part, Part]:

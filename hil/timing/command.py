@@ -20,6 +20,7 @@ from hil.reported import reported
 from hil.timing import options
 
 NOMINAL_BITRATE, FAST_BITRATE = 1_000_000, 4_000_000
+ERROR_INTERVAL_MS = 10.0
 
 
 @reported
@@ -34,12 +35,12 @@ def timing(
     fifo: options.Fifo = [],  # noqa: B006 (as above)
     depth: options.Depth = None,
     burst: options.Burst = None,
-    error_interval: options.ErrorInterval = 10.0,
+    error_interval: options.ErrorInterval = None,
     settings: Settings = [],  # noqa: B006 (as above)
     interface: Interface = "hil",
     channel: options.WallChannel = None,
     bus_kwargs: BusKwargs = "{}",
-    pace: options.Pace = 1.0,
+    pace: options.Pace = None,
     external: External = [],  # noqa: B006 (as above)
     at: At = [],  # noqa: B006 (as above)
     bus_only: options.BusOnly = False,
@@ -53,7 +54,9 @@ def timing(
     from hil.timing.database import Given
     from hil.timing.database_command import analyse_database, by_name, errors_of, rates_of
 
-    errors = errors_of(burst, error_interval)
+    if burst is None:
+        refuse("no errors: say how many with --burst", **{"error-interval": error_interval})
+    errors = errors_of(burst, ERROR_INTERVAL_MS if error_interval is None else error_interval)
     if (dbc is None) == (scenario is None):
         raise typer.BadParameter("name a scenario, for example paper-joint, or a database with --dbc; one of both")
     if dbc is not None:
@@ -65,6 +68,9 @@ def timing(
         own = "a scenario, which has its own: see --set"
         refuse(own, bitrate=bitrate, period=period, jitter=jitter, deadline=deadline, fifo=fifo, depth=depth)
         clock = "virtual" if interface == "hil" and channel is None else "wall"
+        if clock == "virtual":
+            refuse("the rig's own bus: name another with --channel", pace=pace, external=external, at=at)
+        scenario_file.load(scenario, settings)  # whose clock is another's matter, but must be one
         chosen = scenario_file.load(scenario, with_clock(settings, clock))
         fast_ns = rates_of(chosen.bus.bitrate, data_bitrate or FAST_BITRATE).data_bit_ns or chosen.bit_ns
         place = place_of(interface, channel, bus_kwargs, clock)
@@ -75,7 +81,7 @@ def timing(
                 found = report.in_virtual_time(chosen, fast_ns, errors, bus_only, jobs, step)
             else:
                 where = place, external, channels_of(at)
-                found = report.by_the_clock(dilated(chosen, pace), *where, fast_ns, errors, step, notice)
+                found = report.by_the_clock(dilated(chosen, pace or 1.0), *where, fast_ns, errors, step, notice)
         report.conclude(found, as_json, out)
 
 

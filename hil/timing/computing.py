@@ -11,11 +11,12 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from hil.constants import worst_case_ends_ns
 from hil.latency import distribution
 from hil.scenario import Scenario
 from hil.timed import time_nodes
-from hil.wire.bits import INTERMISSION_BITS
+from hil.timing.cycle import Bound, Late
+from hil.timing.rig_cycle import cycle_of
+from hil.wire.rates import Rates
 from plant.parameters import MAX_JOINTS
 
 TARGET = "8086"
@@ -50,10 +51,10 @@ def interrupt_clocks(scenario: Scenario) -> int:
 def at_clock(scenario: Scenario, clock_hz: float) -> dict[str, Any]:
     """Return what a processor clock means: the longest times, their share of a period, and whether a cycle fits.
 
-    current_end_s: latest end of each joint's Current after its cycle's start; None for a joint by its own timer.
+    current_end_s: latest end of each joint's Current after its cycle's start; None where nothing bounds it.
     """
-    interrupt_s, ends_ns = interrupt_clocks(scenario) / clock_hz, worst_case_ends_ns(with_clock(scenario, clock_hz))
-    cycle_ns = ends_ns["State"] + INTERMISSION_BITS * scenario.bit_ns
+    interrupt_s = interrupt_clocks(scenario) / clock_hz
+    bounds = _bounds(with_clock(scenario, clock_hz)) if interrupt_s < scenario.clock.period_s else None
     joints = range(1, scenario.joints + 1)
     return {
         "clock_hz": clock_hz,
@@ -61,11 +62,21 @@ def at_clock(scenario: Scenario, clock_hz: float) -> dict[str, Any]:
         "interrupt_s": interrupt_s,
         "share": interrupt_s / scenario.clock.period_s,
         "current_end_s": {
-            f"joint{n}": ends_ns[f"Current_{n}"] * 1e-9 if scenario.crystal_ppb(n) is None else None for n in joints
+            f"joint{n}": None
+            if bounds is None or scenario.crystal_ppb(n) is not None
+            else bounds[f"Current_{n}"].end_ns / 1e9
+            for n in joints
         },
-        "cycle_end_s": cycle_ns * 1e-9,
-        "fits": interrupt_s < scenario.clock.period_s and cycle_ns <= scenario.period_ns,
+        "fits": bounds is not None,
     }
+
+
+def _bounds(scenario: Scenario) -> dict[str, Bound] | None:
+    """Return the bounds of a cycle's frames, None where one may not end with it."""
+    try:
+        return cycle_of(scenario).bounds(Rates(scenario.bit_ns))
+    except Late:
+        return None
 
 
 def with_clock(scenario: Scenario, clock_hz: float) -> Scenario:
@@ -98,12 +109,12 @@ def _target(found: dict[str, Any]) -> Table:
 def _cycle(found: dict[str, Any]) -> Table:
     table = Table(title=f"{found['scenario']}: latest ends in a cycle, us")
     joints = found["clocks"][0]["current_end_s"]
-    for column in ("MHz", *(f"Current_{name.removeprefix('joint')}" for name in joints), "cycle", ""):
+    for column in ("MHz", *(f"Current_{name.removeprefix('joint')}" for name in joints), ""):
         table.add_column(column, justify="right")
     for row in found["clocks"]:
         ends = ["-" if end_s is None else f"{end_s * 1e6:.0f}" for end_s in row["current_end_s"].values()]
         fits = "fits" if row["fits"] else "TOO LONG"
-        table.add_row(f"{row['clock_hz'] / 1e6:g}", *ends, f"{row['cycle_end_s'] * 1e6:.0f}", fits)
+        table.add_row(f"{row['clock_hz'] / 1e6:g}", *ends, fits)
     return table
 
 

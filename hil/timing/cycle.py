@@ -9,7 +9,8 @@ With [A, B] the window of a frame, c and C its shortest and longest time on the 
 * Let s be when the bus last began to serve frames of this priority or higher, without a pause until the frame starts.
   One of them is released at s, and at most one of lower priority is under way. Those that go first were released at s
   or later, so B >= s, and by the start of the frame, so A <= start. Hence start <= s + blocking + sum of their C, to
-  the fixed point from below. That sum changes with s only at the B's, so it is enough to try these.
+  the fixed point from below. That sum changes with s only at the B's, so it is enough to try these;
+  and what was under way at s is over by its own latest end.
 * A frame starts no earlier than x + sum of c of those of higher priority with A >= x and B <= its own A, for any x.
 
 Windows and bounds are iterated until they agree. All frames must end with their cycle, but those released by a clock of
@@ -150,7 +151,8 @@ class _Cycle:
     def _respond(self, bound: Bound) -> None:
         """Bound the response over all beginnings s of a busy period that may hold this frame."""
         rank, rest_ns = self.ranked.index(bound), self.timing.intermission_ns
-        first, behind = self.ranked[: rank + 1], self.ranked[rank + 1 :]
+        first = self.ranked[: rank + 1]
+        behind = [each for each in self.ranked[rank + 1 :] if not _never_before(each.slot, bound.slot)]
         own_ns = bound.slot.longest_ns + rest_ns
         bound.response_ns = end_ns = 0
         previous_ns = -1
@@ -159,15 +161,19 @@ class _Cycle:
             previous_ns = s_ns
             if least_ns > min(s_ns, bound.latest_ns):
                 continue
-            under_way = (
-                each.slot.longest_ns + rest_ns
+            under_way = [
+                each
                 for each in behind
                 if each.slot.free or (each.earliest_ns < s_ns and each.end_ns + rest_ns > least_ns)
-            )
-            wait_ns = self._wait(bound, first[:-1], s_ns, max(under_way, default=0))
+            ]
+            blocking_ns = max((each.slot.longest_ns + rest_ns for each in under_way), default=0)
+            wait_ns = self._wait(bound, first[:-1], s_ns, blocking_ns)
             if s_ns + wait_ns >= bound.earliest_ns:
                 response_ns = wait_ns + own_ns - max(0, bound.earliest_ns - s_ns)
                 bound.response_ns = max(bound.response_ns, response_ns)
+                left_ns = max((each.end_ns + rest_ns - s_ns for each in under_way if not each.slot.free), default=0)
+                if not any(each.slot.free for each in under_way):
+                    wait_ns = self._wait(bound, first[:-1], s_ns, max(0, min(blocking_ns, left_ns)))
                 end_ns = max(end_ns, s_ns + wait_ns + own_ns)
         bound.end_ns = min(end_ns, bound.latest_ns + bound.response_ns) - rest_ns
 
@@ -199,3 +205,10 @@ class _Cycle:
         """Return how long errors may take the bus in so much time, each with a frame that is sent again."""
         errors = self.timing.errors
         return 0 if errors is None else errors.within(span_ns) * (ERROR_BITS * self.timing.bit_ns + again_ns)
+
+
+def _never_before(slot: Slot, other: Slot) -> bool:
+    """Return whether a frame is never released before another: it answers it, or the same one no sooner."""
+    if slot.free or other.free or slot.after is None:
+        return False
+    return slot.after == other.name or (slot.after == other.after and slot.delay_ns >= other.delay_ns)

@@ -40,14 +40,6 @@ class Comparison:
     slips: dict[int, Slips]
 
 
-def drift(scenario: Scenario) -> dict[str, Any]:
-    """Run a scenario with its crystals and without, inline; return samples and deviations by joint, ready for JSON.
-
-    Raises ScenarioError where no joint has a timer of its own.
-    """
-    return describe(compare(scenario))
-
-
 def compare(scenario: Scenario) -> Comparison:
     """Run a scenario with its crystals and without, inline; raise ScenarioError where there are none."""
     joints = [joint for joint in range(1, scenario.joints + 1) if scenario.crystal_ppb(joint) is not None]

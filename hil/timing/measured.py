@@ -50,12 +50,12 @@ def responses(timeline: Timeline, scenario: Scenario, codec: Codec) -> dict[str,
     found = {}
     for name, frames in by_message(timeline, scenario, codec).items():
         spans_ns = [frame.ends_ns - frame.starts_ns for frame in frames]
-        response = distribution([response_ns(frame, scenario) / 1e9 for frame in frames])
+        response = distribution([response_ns(frame, scenario) / 1e9 for frame in frames], scenario.bit_ns / 1e9)
         found[name] = {"response": response, "spans_ns": (min(spans_ns), max(spans_ns))}
     return found
 
 
-def by_cycle(timeline: Timeline, scenario: Scenario, codec: Codec) -> dict[str, Array]:
+def by_cycle(timeline: Timeline, scenario: Scenario, codec: Codec, cycles: int) -> dict[str, Array]:
     """Return (cycles, 3) instants of every message that carries its cycle: queued, starts, ends [ns]; nan: none."""
     period_ns = scenario.period_ns
     found: dict[str, Array] = {}
@@ -66,7 +66,7 @@ def by_cycle(timeline: Timeline, scenario: Scenario, codec: Codec) -> dict[str, 
             continue
         period = frame.queued_ns // period_ns
         cycle = period - ((period - fields[-1]) & 0xFF)
-        if cycle >= 0:
-            instants = found.setdefault(message.name, np.full((scenario.cycles, 3), np.nan))
+        if 0 <= cycle < cycles:
+            instants = found.setdefault(message.name, np.full((cycles, 3), np.nan))
             instants[cycle] = frame.queued_ns, frame.starts_ns, frame.ends_ns
     return found

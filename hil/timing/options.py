@@ -44,11 +44,15 @@ Fifo = Annotated[
 ]
 Depth = Annotated[int | None, typer.Option(min=1, help="Of --dbc: frames that each node's transmit queue holds.")]
 Burst = Annotated[int | None, typer.Option(min=1, help="Errors of the bus that come at once, at most.")]
-ErrorInterval = Annotated[float, typer.Option(min=0.1, help="Milliseconds between errors, at least.")]
+ErrorInterval = Annotated[
+    float | None, typer.Option(min=0.1, help="Of --burst: milliseconds between errors, at least; default: 10.")
+]
 WallChannel = Annotated[
     str | None, typer.Option("--channel", "-c", help="Name of the bus: measure there, by the clock `wall`.")
 ]
-Pace = Annotated[float, typer.Option(min=1e-6, max=1.0, help="On such a bus: emulated seconds a second.")]
+Pace = Annotated[
+    float | None, typer.Option(min=1e-6, max=1.0, help="On such a bus: emulated seconds a second; default: 1.")
+]
 BusOnly = Annotated[bool, typer.Option("--bus", help="The bus alone: no CPUs, no delay margins.")]
 Jobs = Annotated[int | None, typer.Option(min=1, max=256, help="Runs at a time; default: one a CPU.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for figures, trace and results.")]

@@ -30,6 +30,7 @@ class Analysis:
         self.cycle = cycle_of(scenario)
         self.rates, self.fd_rates = Rates(scenario.bit_ns), Rates(scenario.bit_ns, data_bit_ns)
         self.errors = errors
+        self._pace = scenario.clock.pace if scenario.clock.kind == "wall" else 1.0
         self.late, self.worst = self._bounded(self.rates)
         _, self.flexible = self._bounded(self.fd_rates)
 
@@ -52,6 +53,8 @@ class Analysis:
             "utilisation": self._utilisation(),
             "meets_deadlines": self.worst is not None,
             "late": self.late,
+            "refused": None,
+            "with_faults": bool(self.scenario.wire.faults),
             "lowest_bitrate": lowest_bitrate(self.cycle, errors=self.errors),
             "by_joints": by_joints(self.cycle, data_bit_ns),
             "queues": self._queues(),
@@ -70,7 +73,7 @@ class Analysis:
         found = []
         for node in self.scenario.node_names:
             names = [name for name in cycle_frames(self.cycle.joints) if name == STATUS or sender_of(name) == node]
-            held = self.worst is not None and len(names) <= QUEUE_DEPTH
+            held = None if self.worst is None else len(names) <= QUEUE_DEPTH
             found.append({"node": node, "frames_at_most": len(names), "depth": QUEUE_DEPTH, "holds": held})
         return found
 
@@ -93,20 +96,26 @@ class Analysis:
             slot = STATUS if message.name.startswith(BY_TURNS) else message.name
             if slot in lengths:
                 bounds = [None if each is None else each[slot] for each in (self.worst, actual, self.flexible)]
-                row = self._fixed(message.name, lengths[slot], bounds[0])
+                row = self._fixed(message.name, lengths[slot], slot, bounds[0])
                 row |= self._responses(bounds, seen.get(message.name, {}), by_answer)
                 rows.append({"name": message.name, "identifier": message.identifier} | row)
         return rows
 
-    def _fixed(self, name: str, length: int, bound: Bound | None) -> dict[str, Any]:
-        """Return what does not hang on a run. deadline_s: what is left of the cycle when it is queued at the latest."""
+    def _fixed(self, name: str, length: int, slot: str, bound: Bound | None) -> dict[str, Any]:
+        """Return what does not hang on a run. deadline_s: what is left of the cycle when it is queued at the latest.
+
+        Where one frame may be late nothing is known of the others: None. By the clock deadlines are dilated.
+        """
         turns = 2 * (self.cycle.joints + 2) if name.startswith(BY_TURNS) else 1
         deadline_ns = None if bound is None else bound.deadline_ns(self.cycle.period_ns)
+        meets = False if slot == self.late else None
+        if bound is not None and deadline_ns is not None:
+            meets = bound.response_ns <= deadline_ns
         return {
             "period_s": turns * self.scenario.clock.period_s,
             "queued_s": None if bound is None else [seconds(bound.earliest_ns), seconds(bound.latest_ns)],
-            "deadline_s": seconds(deadline_ns),
-            "meets_deadline": bound is not None and deadline_ns is not None and bound.response_ns <= deadline_ns,
+            "deadline_s": None if deadline_ns is None else deadline_ns / 1e9 / self._pace,
+            "meets_deadline": meets,
             "bits_worst": worst_case_bits(length) + INTERMISSION_BITS,
         }
 

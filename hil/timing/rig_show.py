@@ -6,6 +6,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from hil.wire.rates import NS_PER_S
+
+USUAL_BITRATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+"""CiA 301, table 1."""
+
 
 def show(console: Console, found: dict[str, Any]) -> None:
     """Print messages, chains, and the bit rates that would do."""
@@ -13,15 +18,37 @@ def show(console: Console, found: dict[str, Any]) -> None:
     if found["chains"]:
         console.print(_chains(found["chains"]))
     console.print(_by_joints(found))
+    console.print("bound: of the longest frames; run's: of this run's; FD's: as CAN FD; max of it: max / bound")
+    if found["chains"]:
+        console.print(f"missed, of {found['cycles']} cycles: by bus, CPU, drive's dead time, this host")
+    for line in [*_rates(found), *_beyond(found)]:
+        console.print(line, soft_wrap=True)
+
+
+def _rates(found: dict[str, Any]) -> list[str]:
+    """Return what the longest frames take of the bus, and what bit rate would do."""
     lowest = found["lowest_bitrate"]
-    does = "no bit rate up to 1 Mbit/s does" if lowest is None else f"every frame meets its deadline from {lowest} on"
-    console.print(
-        "bound: of the longest frames; run's: of this run's; FD's: as CAN FD; missed: by bus, by CPU, by this host"
+    does = "no bit rate up to 1 Mbit/s does"
+    if lowest is not None:
+        usual = min(rate for rate in USUAL_BITRATES if rate >= lowest)
+        bit_ns = round(NS_PER_S / lowest)
+        does = f"every frame meets its deadline from {lowest} on (a bit of {bit_ns} ns), so at {usual}"
+    return [f"utilisation {found['utilisation']:.1%} at {found['bitrate']:.0f} bit/s with the longest frames; {does}"]
+
+
+def _beyond(found: dict[str, Any]) -> list[str]:
+    """Return why something is beyond its bound."""
+    beyond = [row["name"] for row in found["messages"] if (row["max_to_bound"] or 0.0) > 1.0]
+    if not beyond:
+        return []
+    why = (
+        "bounds are those of an undisturbed bus: see --burst"
+        if found["with_faults"]
+        else "a node sends otherwise than declared"
     )
-    console.print(
-        f"utilisation {found['utilisation']:.1%} at {found['bitrate']:.0f} bit/s with the longest frames; {does}",
-        soft_wrap=True,
-    )
+    if found["clock"] == "wall":
+        why = "bounds are of nodes that compute as declared, in real time: this host takes longer"
+    return [f"beyond their bounds: {', '.join(beyond)}: {why}"]
 
 
 def _messages(found: dict[str, Any]) -> Table:
@@ -32,18 +59,19 @@ def _messages(found: dict[str, Any]) -> Table:
         asked, of_time = "the frame that it answers", f" of wall time{dilated}"
     table = _table(f"every frame's response: from {asked} to the end of intermission, us{of_time}")
     table.add_column("message", no_wrap=True)
-    for head in ("bits", "queued", "p50", "p99.9", "max", "bound", "run's", "FD's", "deadline"):
+    for head in ("queued", "p50", "p99.9", "max", "bound", "max of it", "run's", "FD's", "deadline"):
         table.add_column(head, justify="right", no_wrap=True)
     for row in _merged(found["messages"]):
         measured = row["response"] or {}
         queued = row["queued_s"]
         table.add_row(
             row["name"],
-            str(row["bits_worst"]),
             "-" if queued is None else "..".join(dict.fromkeys(_us(each) for each in queued)),
             *(_us(measured.get(key)) for key in ("p50_s", "p99.9_s", "max_s")),
-            *(_us(row[f"response_bound{of}_s"]) for of in ("", "_actual", "_fd")),
-            _us(row["deadline_s"]) if row["meets_deadline"] else "missed",
+            _us(row["response_bound_s"]),
+            "-" if row["max_to_bound"] is None else f"{row['max_to_bound']:.2f}",
+            *(_us(row[f"response_bound{of}_s"]) for of in ("_actual", "_fd")),
+            "missed" if row["meets_deadline"] is False else _us(row["deadline_s"]),
         )
     return table
 

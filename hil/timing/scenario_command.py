@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from hil.errors import FaultError
+from hil.errors import FaultError, ScenarioError
 from hil.record import SCENARIO, run_folder, to_toml
 from hil.rig import Progress
 from hil.scenario import Scenario
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from hil.can_node import Place
 
 TIMING = "timing.json"
-USUAL_BITRATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
-"""CiA 301, table 1."""
 BUS_SHARE = 0.1
 """Of the time that a whole report takes."""
 
@@ -87,21 +85,28 @@ def by_the_clock(
 
 
 def conclude(report: Report, as_json: bool, out: Path | None) -> None:
-    """Write and show what was found; raise FaultError where a deadline may be missed, or the run stopped itself."""
+    """Write and show what was found; raise FaultError where a deadline may be missed, or the run stopped itself.
+
+    Raises ScenarioError where it was not run.
+    """
     if out is not None:
         _write(report, out)
     print(json.dumps(report.json, allow_nan=False)) if as_json else _show(report, out)
     found, outcome = report.json, report.bus.outcome
     if found["late"] is not None:
         raise FaultError(_too_late(found))
+    if found["refused"] is not None:
+        raise ScenarioError(f"not run: {found['refused']}")
     for fault in [] if outcome is None else faults(outcome):
         raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")
+    if missed := [chain["name"] for chain in found["chains"] if sum(chain["misses"].values())]:
+        raise FaultError(f"deadlines missed: {', '.join(missed)}")
 
 
 def _too_late(found: dict[str, Any]) -> str:
     """Say which frame does not get through in its cycle, and what would help."""
     lowest = found["lowest_bitrate"]
-    enough = [rate for rate in USUAL_BITRATES if lowest is not None and rate >= lowest]
+    enough = [rate for rate in rig_show.USUAL_BITRATES if lowest is not None and rate >= lowest]
     cure = f"take bus.bitrate = {enough[0]}, or" if enough else "no bit rate up to 1 Mbit/s is enough: take"
     return (
         f"{found['late']} may not end within clock.period_s = {found['period_s']:g}: the cycle's frames need "

@@ -34,20 +34,21 @@ def study(
     if scenario.bus.fidelity == "functional":
         raise ScenarioError("bus.fidelity = 'functional': frames take no time, there is nothing to measure: set 'bits'")
     analysis = Analysis(scenario, data_bit_ns, errors)
-    if not runs(scenario):
-        return Study(analysis.to_json({}))
-    outcome, timeline = run_with_timeline(scenario, progress)
-    codec = load_arm()
-    silent = {name: np.array(each) for name, each in timeline.silent(scenario.period_ns, scenario.cycles).items()}
-    links = chains(Run(scenario, by_cycle(timeline, scenario, codec), silent), analysis.worst)
-    found = analysis.to_json(responses(timeline, scenario, codec))
-    return Study(found | {"chains": [to_json(chain) for chain in links]}, outcome, timeline, tuple(links))
-
-
-def runs(scenario: Scenario) -> bool:
-    """Return whether a scenario's cycle is not refused; with errors, or own timers, a frame may still be late in it."""
     try:
         check_budget(scenario)
-    except ScenarioError:
-        return False
-    return True
+    except ScenarioError as error:
+        return Study(analysis.to_json({}) | {"refused": str(error)})
+    outcome, timeline = run_with_timeline(scenario, progress)
+    codec, cycles = load_arm(), cycles_of(outcome)
+    silent = {name: np.array(each) for name, each in timeline.silent(scenario.period_ns, cycles).items()}
+    links = chains(Run(scenario, cycles, by_cycle(timeline, scenario, codec, cycles), silent), analysis.worst)
+    found = analysis.to_json(responses(timeline, scenario, codec))
+    return Study(
+        found | {"cycles": cycles, "chains": [to_json(link) for link in links]}, outcome, timeline, tuple(links)
+    )
+
+
+def cycles_of(outcome: Outcome) -> int:
+    """Return how many cycles a run has had, whole: all of them, or those before its Stop."""
+    ended_ns = outcome.log.frames[-1][0] if outcome.log.frames else 0
+    return min(outcome.scenario.cycles, ended_ns // outcome.scenario.period_ns)

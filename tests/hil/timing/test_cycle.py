@@ -25,7 +25,7 @@ def test_answers_by_hand() -> None:
     )
     assert (found["A"].end_ns, found["A"].response_ns) == (97, 100)
     assert (found["B"].earliest_ns, found["B"].latest_ns) == (117, 117)
-    assert (found["B"].end_ns, found["B"].response_ns) == (117 + 200 + 47, 250)  # 7 too many: all of C counts
+    assert (found["B"].end_ns, found["B"].response_ns) == (110 + 200 + 47, 250)
     assert (found["C"].end_ns, found["C"].response_ns) == (307, 200)
 
 
@@ -36,6 +36,18 @@ def test_an_answer_that_may_come_early_overtakes_nobody_that_is_on_the_bus() -> 
     assert (found["B"].earliest_ns, found["B"].latest_ns) == (50, 107)
     assert found["B"].end_ns == 100 + 100 + 47  # behind A and C
     assert found["C"].end_ns == 60 + 50 + 100 - REST  # B is under way, if A was short
+
+
+def test_an_answer_is_never_held_up_by_one_of_lower_priority_that_comes_with_it_or_behind_it() -> None:
+    """B and C answer A after the same time, whenever A ends."""
+    slots = [
+        slot("A", 1, 97, shortest=40),
+        slot("B", 2, 47, after="A", delay_ns=10),
+        slot("C", 3, 197, after="A", delay_ns=10),
+    ]
+    found = bounds(slots, TIMING)
+    assert found["B"].end_ns == 97 + 10 + 47
+    assert found["C"].end_ns == 97 + 10 + 50 + 197
 
 
 def test_a_frame_with_a_clock_of_its_own_delays_every_other_once() -> None:

@@ -24,7 +24,7 @@ from hil.processes import run_processes
 from hil.rig import Outcome, run_inline
 from hil.scenario_file import check
 from hil.summary import samples, summarise
-from hil.timing.drift import Comparison, compare, describe, drift, on_frame, show_drift, slips
+from hil.timing.drift import Comparison, compare, describe, on_frame, show_drift, slips
 
 CODEC = load_arm()
 T_NS = 1_000_000
@@ -190,7 +190,7 @@ def test_a_scenario_without_crystals_is_refused() -> None:
     with pytest.raises(
         ScenarioError, match=r"paper-joint: no joint samples by a timer of its own: set joint1.crystal_"
     ):
-        drift(scenario_file.load("paper-joint"))
+        compare(scenario_file.load("paper-joint"))
 
 
 def test_summary_and_terminal_say_what_was_sampled(comparison: Comparison, capsys: Any) -> None:

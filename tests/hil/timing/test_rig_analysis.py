@@ -146,7 +146,7 @@ def test_chains_are_those_of_the_frame_log(paper_joint: Study) -> None:
 def test_chains_stay_within_their_bounds(paper_joint: Study) -> None:
     for chain in paper_joint.found["chains"]:
         assert chain["measured"]["max_s"] <= chain["bound_s"] <= chain["deadline_s"]
-        assert chain["misses"] == {"bus": 0, "computing": 0, "host": 0}
+        assert chain["misses"] == {"bus": 0, "computing": 0, "drive": 0, "host": 0}
         assert chain["jitter_s"] == pytest.approx(chain["measured"]["max_s"] - chain["measured"]["min_s"])
         assert sum(part["mean_s"] for part in chain["parts"]) <= chain["measured"]["max_s"]
     computes = [part["max_s"] for chain in paper_joint.found["chains"][:3] for part in chain["parts"][2:3]]
@@ -177,12 +177,49 @@ class Slow(JointCPU):
 
 def test_misses_by_cause() -> None:
     slow = study(loaded("paper-joint", *SHORT, f"joint2.cpu={__name__}:Slow"), DATA_BIT_NS)
-    assert slow.found["chains"][1]["misses"] == {"bus": 0, "computing": 1, "host": 0}
-    assert slow.found["chains"][0]["misses"] == {"bus": 0, "computing": 0, "host": 0}
+    assert slow.found["chains"][1]["misses"] == {"bus": 0, "computing": 1, "drive": 0, "host": 0}
+    assert slow.found["chains"][0]["misses"] == {"bus": 0, "computing": 0, "drive": 0, "host": 0}
     lost = 'wire.faults=[{kind="cut off", node="joint3", from_s=0.0502, to_s=0.0509}]'
     bus = study(loaded("paper-joint", *SHORT, lost), DATA_BIT_NS)
     assert bus.found["chains"][2]["misses"]["bus"] >= 1
     assert bus.found["chains"][2]["misses"]["computing"] == 0
+
+
+def test_a_dead_time_that_takes_a_current_beyond_its_deadline_is_the_drive_s(hil: Any) -> None:
+    """Joint 1's currents come 0.40 to 0.42 ms behind their samples."""
+    late = "drive.dead_time_s=[0.0007,0.0,0.0]"
+    found = study(loaded("paper-joint", *SHORT, late), DATA_BIT_NS).found
+    assert found["chains"][0]["misses"] == {"bus": 0, "computing": 0, "drive": 100, "host": 0}
+    assert sum(found["chains"][1]["misses"].values()) == 0
+    words = [word for setting in (*SHORT, late) for word in ("--set", setting)]
+    run = hil.run("timing", "paper-joint", "--bus", *words)
+    assert run.returncode == 6
+    assert run.stderr.endswith("hil: deadlines missed: joint1: sample to action, joint1: sample, DSP, action\n")
+
+
+def test_cycles_that_never_were_are_not_missed() -> None:
+    """Joint 2 is cut off for good in cycle 50; three silent periods later the plant stops the run."""
+    cut = 'wire.faults=[{kind="cut off", node="joint2", from_s=0.0504}]'
+    found = study(loaded("paper-joint", *SHORT, cut), DATA_BIT_NS).found
+    assert 53 <= found["cycles"] <= 55
+    assert [sum(chain["misses"].values()) for chain in found["chains"][:3]] == [0, found["cycles"] - 50, 0]
+    assert found["chains"][1]["misses"]["bus"] == found["cycles"] - 50
+
+
+def test_what_is_beyond_its_bound_is_said(hil: Any) -> None:
+    words = [word for setting in SHORT for word in ("--set", setting)]
+    noise = 'wire.faults=[{kind="bit error rate", rate=1e-4}]'
+    run = hil.run("timing", "paper-joint", "--bus", *words, "--set", noise)
+    assert "bounds are those of an undisturbed bus: see --burst" in run.stdout
+    assert "beyond their bounds" not in hil.run("timing", "paper-joint", "--bus", *words).stdout
+
+
+def test_where_one_frame_may_be_late_nothing_is_said_of_the_others() -> None:
+    found = study(loaded("paper-joint", "bus.bitrate=800000"), DATA_BIT_NS).found
+    verdicts = {row["name"].partition("_")[0]: row["meets_deadline"] for row in found["messages"]}
+    assert (found["late"], found["meets_deadlines"]) == ("State", False)
+    assert verdicts == {**dict.fromkeys(("Sync", "Encoder", "Current", "AccelRef")), "State": False, "Heartbeat": False}
+    assert all(queue["holds"] is None for queue in found["queues"])
 
 
 # -- at random --
@@ -241,6 +278,10 @@ def test_the_command_says_it_all_as_json(hil: Any) -> None:
         ((), 2, "name a scenario, for example paper-joint, or a database with --dbc"),
         (("paper-joint", "--dbc", "x.dbc"), 2, "one of both"),
         (("paper-joint", "--bitrate", "500000"), 2, "--bitrate does not go with a scenario, which has its own"),
+        (("paper-joint", "--pace", "0.5"), 2, "--pace does not go with the rig's own bus: name another with --channel"),
+        (("paper-joint", "--error-interval", "5"), 2, "--error-interval does not go with no errors"),
+        (("paper-joint", "--set", "clock.kind=nonsense"), 3, "clock.kind"),
+        (("paper-joint", "--set", "joint1.compute_s=0.00045"), 3, "not run: the frames of one cycle need"),
         (("--dbc", "x.dbc", "--out", "there"), 2, "--out does not go with --dbc"),
         (("paper-jont",), 3, "no scenario 'paper-jont'"),
         (("paper-joint", "--set", "bus.fidelity=functional"), 3, "frames take no time"),

@@ -19,7 +19,7 @@ def studied(machine: Clockwork) -> dict[str, Any]:
 
 
 def misses(machine: Clockwork) -> list[dict[str, int]]:
-    return [chain["misses"] for chain in studied(machine)["chains"]]
+    return [chain["misses"] for chain in studied(machine)["chains"][:3]]
 
 
 def test_an_answer_takes_what_its_process_and_the_bus_take() -> None:
@@ -35,12 +35,12 @@ def test_an_answer_takes_what_its_process_and_the_bus_take() -> None:
 
 
 def test_on_time_nothing_is_missed() -> None:
-    assert misses(ran(load())) == [{"bus": 0, "computing": 0, "host": 0}] * 3
+    assert misses(ran(load())) == [{"bus": 0, "computing": 0, "drive": 0, "host": 0}] * 3
 
 
 def test_a_process_that_freezes_is_the_host_s_and_a_board_that_does_its_own() -> None:
     frozen = {"joint2": [(50 * MS, 50 * MS + 1_500_000)]}
-    nothing = {"bus": 0, "computing": 0, "host": 0}
+    nothing = {"bus": 0, "computing": 0, "drive": 0, "host": 0}
     assert misses(ran(load(), frozen=frozen)) == [nothing, nothing | {"host": 1}, nothing]
     assert misses(ran(load(), frozen=frozen, external=("joint2",))) == [nothing, nothing | {"computing": 1}, nothing]
 
@@ -55,10 +55,12 @@ def test_a_frame_that_an_error_has_cost_is_the_bus_s() -> None:
 
     machine = Clockwork(load(), lose=lose, errors=lambda: len(lost))
     machine.run(60.0)
-    assert misses(machine) == [{"bus": 0, "computing": 0, "host": 0}] * 2 + [{"bus": 1, "computing": 0, "host": 0}]
+    assert misses(machine) == [{"bus": 0, "computing": 0, "drive": 0, "host": 0}] * 2 + [
+        {"bus": 1, "computing": 0, "drive": 0, "host": 0}
+    ]
 
 
 def test_cycles_that_are_skipped_are_the_host_s() -> None:
     """Sync 61 would be more than a period late when the DSP wakes, and is left out; Sync 62 is half of one late."""
     found = misses(ran(load(), frozen={"dsp": [(60 * MS, 62 * MS + 500_000)]}))
-    assert found == [{"bus": 0, "computing": 0, "host": 1}] * 3
+    assert found == [{"bus": 0, "computing": 0, "drive": 0, "host": 1}] * 3
