@@ -14,10 +14,10 @@ EVENTS = {
 }
 HEADS = ("min", "max", "room", "sat.", "wrap", "under", "SQNR", "same", "error")
 LEGEND = (
-    "min, max, error: counts; room: bits of head-room; under: underflows. SQNR (dB) and\n"
-    "error: beside float64 with exact constants; same: with the joint's own constants. Both\n"
-    "hear what this run's joints heard (open loop). -: no error, or no signal. w wraps where\n"
-    "the counter has, which undoes it."
+    "min, max, error: counts; room: bits of head-room; under: underflows. SQNR (dB)\n"
+    "and error: beside float64 with exact constants; same: with the joint's own.\n"
+    "Both hear what this run's joints heard (open loop). -: no error, or no signal.\n"
+    "w wraps where count did, which undoes it."
 )
 
 
