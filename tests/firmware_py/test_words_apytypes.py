@@ -1,4 +1,7 @@
-"""Every operation of the words against apytypes: all pairs of edges of 16 bits, and a million pairs at random."""
+"""The words against apytypes: all pairs of edges of 16 bits, and a million pairs at random.
+
+A limit that is no format's end has nothing there to be judged by: it is in test_words.py.
+"""
 
 import numpy as np
 import pytest

@@ -117,6 +117,20 @@ def test_a_table_leaves_eighty_columns_to_its_numbers(paper):
 
 
 @pytest.mark.parametrize(
+    ("error", "cell"), [(0.0, "0"), (1.2e-05, "1e-05"), (0.3896, "0.39"), (33.7, "34"), (41_234.5, "41234")]
+)
+def test_an_error_keeps_to_seven_characters(paper, error, cell):
+    one = rows_of(paper.found, "KB*dw")[0] | {"largest_error": error}
+    line = next(line for line in shown({"signals": [one], "closed_loop": None}).splitlines() if "KB*dw" in line)
+    assert line.split()[-1] == cell
+
+
+def test_a_robot_in_float64_that_stops_itself_is_said(paper):
+    found = paper.found | {"closed_loop": {"fault": {"cause": "current lost"}, "joints": []}}
+    assert "in float64 the run stops itself: current lost" in shown(found)
+
+
+@pytest.mark.parametrize(
     "settings",
     [
         ["bus.fidelity=functional"],
