@@ -8,13 +8,13 @@ import numpy as np
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
-from firmware_py.joint_cpu import PARAMETERS_NAMES
+from firmware_py.joint_cpu import PARAMETERS_NAMES, SHIFT
 from hil.evaluate import Evaluation, evaluate
 from hil.quantise import signals
 from hil.quantise.float_twin import FloatLaw, FloatSeats, Values, open_loop
 from hil.quantise.measure import Reference, measure
 from hil.quantise.signals import AS_IT_WAS, SATURATED, UNDERFLOWED, Trace
-from hil.quantise.tap import COLUMNS, Tap
+from hil.quantise.tap import Tap
 from hil.rig import Progress, no_progress, run_inline
 from hil.scenario import Scenario
 from hil.summary import deviations, faults
@@ -61,9 +61,8 @@ def _of_joint(scenario: Scenario, joint: int, codec: Codec, tap: Tap) -> Iterato
     for signal in signals.STEP_SIGNALS:
         reference = Reference(exact[signal.name], with_same[signal.name])
         yield measure(signal, joint, traces[signal.name], at_s, reference)
-    constants = signals.constants(shift=table[COLUMNS.index("shift") - len(COLUMNS)])
     of_law = (law.ka, same.ka), (law.kb, same.kb), (law.kj, same.kj)
-    for signal, raw, values in zip(constants, table, of_law, strict=False):
+    for signal, raw, values in zip(signals.constants(table[SHIFT]), table, of_law, strict=False):
         reference = Reference(*(np.array([value]) for value in values))
         yield measure(signal, joint, Trace.of([raw]), at_s[:1], reference)
 
