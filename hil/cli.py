@@ -1,5 +1,5 @@
 """The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`, `hil doctor`,
-`hil timing`.
+`hil timing`, `hil quantise`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
@@ -35,6 +35,7 @@ from hil.options import (
     place_of,
     with_clock,
 )
+from hil.quantise.command import quantise
 from hil.reported import reported
 from hil.timing.command import timing
 
@@ -268,6 +269,7 @@ def node(
 
 app.command()(doctor)
 app.command()(timing)
+app.command()(quantise)
 
 
 def _say(text: str) -> None:

@@ -50,19 +50,25 @@ def reference_of(joint: int) -> tuple[str, int]:
     return ACCEL_REFS[frame], index
 
 
-def parameter_table(scenario: Scenario, joint: int, codec: Codec) -> tuple[int, ...]:
-    """Return KA, KB, KJ, shift and current limit of joint 1 to n; raise ScenarioError where one does not fit."""
+def exact_constants(scenario: Scenario, joint: int, codec: Codec) -> tuple[float, float, float]:
+    """Return KA, KB and KJ of joint 1 to n as the physics has them, before they are rounded to their formats."""
     settings, period_s = scenario.joint, scenario.clock.period_s
     g, inertia = settings.g_rad_s, settings.inertia_kg_m2[joint - 1]
     current_per_torque = 1.0 / settings.torque_constant_N_m_A[joint - 1] / codec.scale(f"Current_{joint}", "Reference")
-    if g * period_s >= 1.0:
+    kb = g * inertia * current_per_torque * rad_per_count(scenario) / period_s
+    return g * period_s, kb, inertia * current_per_torque * codec.scale(reference_of(joint)[0], f"Joint{joint}")
+
+
+def parameter_table(scenario: Scenario, joint: int, codec: Codec) -> tuple[int, ...]:
+    """Return KA, KB, KJ, shift and current limit of joint 1 to n; raise ScenarioError where one does not fit."""
+    settings, period_s = scenario.joint, scenario.clock.period_s
+    exact_ka, exact_kb, kj = exact_constants(scenario, joint, codec)
+    if exact_ka >= 1.0:
         raise ScenarioError(
-            f"joint.g_rad_s = {g} with clock.period_s = {period_s}: g T = {g * period_s:.3f} must stay below 1; "
-            f"lower g below {1.0 / period_s:.0f} rad/s or shorten the period"
+            f"joint.g_rad_s = {settings.g_rad_s} with clock.period_s = {period_s}: g T = {exact_ka:.3f} must stay "
+            f"below 1; lower g below {1.0 / period_s:.0f} rad/s or shorten the period"
         )
-    ka = round(g * period_s * (1 << 15))
-    kb = round(g * inertia * current_per_torque * rad_per_count(scenario) / period_s)
-    kj = inertia * current_per_torque * codec.scale(reference_of(joint)[0], f"Joint{joint}")
+    ka, kb = round(exact_ka * (1 << 15)), round(exact_kb)
     shift = next((s for s in range(LARGEST_SHIFT, -1, -1) if round(kj * (1 << s)) <= WORD_MAX), 0)
     limit = round(settings.limit_A / codec.scale(f"Current_{joint}", "Reference"))
     values = {"KA": ka, "KB": kb, "KJ": round(kj * (1 << shift)), "current limit": limit}

@@ -1,0 +1,54 @@
+"""The command `hil quantise`."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hil.errors import FaultError
+from hil.options import ScenarioName, Settings, new_folder, with_clock
+from hil.reported import reported
+
+if TYPE_CHECKING:
+    from hil.scenario import Scenario
+
+QUANTISATION = "quantisation.json"
+
+
+@reported
+def quantise(
+    scenario: ScenarioName = "paper-joint",
+    settings: Settings = [],  # noqa: B006 (typer reads the default, nobody writes it)
+    out: Annotated[Path | None, typer.Option(help="Folder for the results.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+) -> None:
+    """Tell what 16-bit words do to the joints: ranges, head-room, overflows, and the error beside float64."""
+    from rich.console import Console
+
+    from hil import scenario_file, show
+    from hil.quantise import show as tables
+    from hil.quantise.study import study
+
+    chosen = scenario_file.load(scenario, with_clock(settings, "virtual"))
+    if out is not None:
+        new_folder(out, as_json, chosen.name)
+    with show.progress(f"{chosen.name}", quiet=as_json) as (step, _notice):
+        result = study(chosen, step)
+    if out is not None:
+        _write(result.found, chosen, out)
+    if as_json:
+        print(json.dumps(result.found, allow_nan=False))
+    else:
+        tables.show(Console(markup=False, highlight=False), result.found)
+    for fault in result.faults:
+        raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")
+
+
+def _write(found: dict[str, Any], scenario: "Scenario", path: Path) -> None:
+    """Write the folder, whole or not at all."""
+    from hil.record import SCENARIO, run_folder, to_toml
+
+    with run_folder(path) as folder:
+        (folder / QUANTISATION).write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
+        (folder / SCENARIO).write_text(to_toml(scenario))
