@@ -18,7 +18,9 @@ def show(console: Console, found: dict[str, Any]) -> None:
     if found["chains"]:
         console.print(_chains(found["chains"]))
     console.print(_by_joints(found))
-    console.print("bound: of the longest frames; run's: of this run's; FD's: as CAN FD; max of it: max / bound")
+    console.print(
+        "bound: of the longest frames; run's: of this run's; FD's: as CAN FD; share: max / bound", soft_wrap=True
+    )
     if found["chains"]:
         console.print(f"missed, of {found['cycles']} cycles: by bus, CPU, drive's dead time, this host")
     for line in [*_rates(found), *_beyond(found)]:
@@ -59,7 +61,7 @@ def _messages(found: dict[str, Any]) -> Table:
         asked, of_time = "the frame that it answers", f" of wall time{dilated}"
     table = _table(f"every frame's response: from {asked} to the end of intermission, us{of_time}")
     table.add_column("message", no_wrap=True)
-    for head in ("queued", "p50", "p99.9", "max", "bound", "max of it", "run's", "FD's", "deadline"):
+    for head in ("queued", "p50", "p99.9", "max", "bound", "share", "run's", "FD's", "deadline"):
         table.add_column(head, justify="right", no_wrap=True)
     for row in _merged(found["messages"]):
         measured = row["response"] or {}
