@@ -34,6 +34,10 @@ STOP_REASONS = {
 """Of Stop, as in arm.dbc."""
 STOP_OPERATOR = 1
 LARGEST_SHIFT = 15
+BUS, COMPUTING, DRIVE, HOST = "bus", "computing", "drive", "host"
+"""Causes of a current that does not act by its deadline: the bus; a node's CPU; the dead time; this machine."""
+BY_TURNS = ("State", "Heartbeat")
+"""Frames of many senders that share one slot of a cycle."""
 STATUS_MARGIN_BITS = 25
 TAIL_BITS = worst_case_bits(8) + INTERMISSION_BITS + STATUS_MARGIN_BITS
 """State and Heartbeat are queued so long before the end of their cycle: the longest frame, and a margin."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 from typing import Any
 
 from dbc.codec import Codec
+from hil.constants import BUS, BY_TURNS, COMPUTING, DRIVE, HOST
 from hil.latency import distribution
 from hil.scenario import Scenario
 from hil.wall_drive import LATE_END
@@ -13,11 +14,6 @@ from hil.witness import Witness, sender_of
 
 PATIENCE = 5.0
 """Periods of silence after which one looks what has become of the nodes: their own rules engage the brakes before."""
-SLOW = ("State", "Heartbeat")
-"""Frames of many senders that count as one."""
-BUS, COMPUTING, DRIVE, HOST = "bus", "computing", "drive", "host"
-"""Causes of a current that does not act in its cycle: errors on the bus; a board's CPU; this machine's processes. What
-its drive does with it nobody sees."""
 
 
 class WallWitness(Witness):
@@ -67,8 +63,8 @@ class WallWitness(Witness):
             self._came_ns.clear()
         self._came_ns[name] = came_ns
         since_ns = came_ns - self._sync_came_ns
-        if self.cycle >= 0 and (name in self._due[1:] or name.startswith(SLOW)):
-            kind = name.partition("_")[0] if name.startswith(SLOW) else name
+        if self.cycle >= 0 and (name in self._due[1:] or name.startswith(BY_TURNS)):
+            kind = name.partition("_")[0] if name.startswith(BY_TURNS) else name
             late_s = self._age(name, data) * self._wall_period_s
             self.since_sync_s.setdefault(kind, array("d")).append(since_ns * 1e-9 + late_s)
             asked_ns = None if late_s else self._came_ns.get(self._answered(name))

@@ -7,8 +7,7 @@ from hil.timing import search
 from hil.timing.frame_time import as_fd, as_seen, at_rates, bits_of
 from hil.timing.queues import queues
 from hil.timing.response_time import Errors, Message, Response, meet_deadlines, response_times, utilisation
-
-NS_A_SECOND = 1_000_000_000
+from hil.wire.rates import NS_PER_S
 
 
 def analyse(
@@ -36,8 +35,8 @@ def analyse(
         "response_bound_actual_s": _bounds(seen, bit_ns, errors, fifo),
     }
     return {
-        "bitrate": NS_A_SECOND / bit_ns,
-        "data_bitrate": None if data_bit_ns is None else NS_A_SECOND / data_bit_ns,
+        "bitrate": NS_PER_S / bit_ns,
+        "data_bitrate": None if data_bit_ns is None else NS_PER_S / data_bit_ns,
         "utilisation": float(utilisation(messages)),
         "meets_deadlines": all(each.meets_deadline for each in found),
         "lowest_bitrate": lowest_bitrate(messages, bit_ns, errors, data_bit_ns=data_bit_ns, fifo=fifo),
@@ -55,7 +54,7 @@ def _bounds(
 ) -> dict[str, float | None]:
     """Return the bounds of messages in seconds, by name; nothing for none."""
     found = [] if messages is None else response_times(messages, bit_ns, errors, fifo)
-    return {each.message.name: _seconds(each.bound_ns) for each in found}
+    return {each.message.name: seconds(each.bound_ns) for each in found}
 
 
 def _row(response: Response, bits: int) -> dict[str, Any]:
@@ -63,19 +62,20 @@ def _row(response: Response, bits: int) -> dict[str, Any]:
     return {
         "name": message.name,
         "identifier": message.identifier,
-        "period_s": message.period_ns / NS_A_SECOND,
-        "jitter_s": message.jitter_ns / NS_A_SECOND,
-        "deadline_s": message.deadline_ns / NS_A_SECOND,
+        "period_s": message.period_ns / NS_PER_S,
+        "jitter_s": message.jitter_ns / NS_PER_S,
+        "deadline_s": message.deadline_ns / NS_PER_S,
         "bits_worst": bits,
-        "response_bound_s": _seconds(response.bound_ns),
+        "response_bound_s": seconds(response.bound_ns),
         "response_max_s": None,
         "meets_deadline": response.meets_deadline,
         "unbounded": response.reason or None,
     }
 
 
-def _seconds(time_ns: int | None) -> float | None:
-    return None if time_ns is None else time_ns / NS_A_SECOND
+def seconds(ns: float | None) -> float | None:
+    """Return nanoseconds in seconds, nothing for nothing."""
+    return None if ns is None else ns / NS_PER_S
 
 
 def lowest_bitrate(

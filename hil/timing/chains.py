@@ -11,16 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.assemble import dead_time
-from hil.constants import reference_of
+from hil.constants import BUS, COMPUTING, DRIVE, HOST, reference_of
 from hil.latency import distribution
 from hil.scenario import Scenario
 from hil.scenario_parts import to_ns
+from hil.timing.analysis import seconds
 from hil.timing.cycle import Bound
-from hil.timing.measured import ENDS, QUEUED, STARTS, Array, seconds
+from hil.timing.measured import ENDS, QUEUED, STARTS, Array
 
 Bools = npt.NDArray[np.bool_]
-BUS, COMPUTING, DRIVE, HOST = "bus", "computing", "drive", "host"
-"""Causes of a miss: the host's share is 0 in virtual time, where the machine cannot be late."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Chain:
         """Return how often the deadline was missed, by cause.
 
         computing: where it took longer than declared, or gave no answer; drive: where it would have been met without
-        the dead time; else the bus.
+        the dead time; else the bus. The host's share is 0 in virtual time, where the machine cannot be late.
         """
         late = ~(self.lasts_ns <= self.deadline_ns)
         slow, dead_ns = np.zeros_like(late), np.zeros(len(late))

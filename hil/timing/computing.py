@@ -14,7 +14,6 @@ from rich.table import Table
 from hil.latency import distribution
 from hil.scenario import Scenario
 from hil.timed import time_nodes
-from hil.timing.cycle import Bound, Late
 from hil.timing.rig_cycle import cycle_of
 from hil.wire.rates import Rates
 from plant.parameters import MAX_JOINTS
@@ -54,7 +53,8 @@ def at_clock(scenario: Scenario, clock_hz: float) -> dict[str, Any]:
     current_end_s: latest end of each joint's Current after its cycle's start; None where nothing bounds it.
     """
     interrupt_s = interrupt_clocks(scenario) / clock_hz
-    bounds = _bounds(with_clock(scenario, clock_hz)) if interrupt_s < scenario.clock.period_s else None
+    cycle = cycle_of(with_clock(scenario, clock_hz))
+    bounds = cycle.judged(Rates(scenario.bit_ns))[1] if interrupt_s < scenario.clock.period_s else None
     joints = range(1, scenario.joints + 1)
     return {
         "clock_hz": clock_hz,
@@ -69,14 +69,6 @@ def at_clock(scenario: Scenario, clock_hz: float) -> dict[str, Any]:
         },
         "fits": bounds is not None,
     }
-
-
-def _bounds(scenario: Scenario) -> dict[str, Bound] | None:
-    """Return the bounds of a cycle's frames, None where one may not end with it."""
-    try:
-        return cycle_of(scenario).bounds(Rates(scenario.bit_ns))
-    except Late:
-        return None
 
 
 def with_clock(scenario: Scenario, clock_hz: float) -> Scenario:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.figures import GRID, WIDTH_IN, ZERO, Style, angle_unit, drawing, save
+from hil.figures import GRID, WIDTH_IN, ZERO, Style, angle_unit, drawing
 from hil.timing.drift import Comparison, Slips
+from hil.timing.style import finish
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,12 +35,7 @@ def write_drift(folder: Path, found: Comparison) -> list[Path]:
         panels[-1].set(xlabel="time, s", xlim=(0.0, scenario.duration_s))
         figure.align_ylabels()
         title = f"{scenario.name}: joint deviation, sampled by own timers and on the Encoder frame."
-        figure.suptitle(title, x=0.01, ha="left", fontsize=10.0)
-        entries = {
-            label: line for axes in panels for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        figure.legend(entries.values(), entries.keys(), loc="outside lower center", frameon=False, ncols=4)
-        return save(figure, folder / "drift", title)
+        return finish(figure, folder / "drift", title)
 
 
 def _joint(axes: "Axes", found: Comparison, n: int) -> None:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hil.figures import GRID, WIDTH_IN, Style, drawing, save
+from hil.figures import GRID, WIDTH_IN, Style, drawing
 from hil.timing.limits import DelayMargin, Raised
 from hil.timing.margin import Margins
 from hil.timing.search import Largest
+from hil.timing.style import finish
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -40,7 +40,7 @@ def _delay_margins(folder: Path, found: Margins) -> list[Path]:
     axes.margins(x=0.06)
     axes.set_xlim(0.0, None)
     axes.grid(axis="x", **GRID)
-    return _close(figure, folder / "delay-margins", f"{found.scenario.name}: the delay that each joint's loop bears.")
+    return finish(figure, folder / "delay-margins", f"{found.scenario.name}: the delay that each joint's loop bears.")
 
 
 def _bar(axes: "Axes", place: int, row: DelayMargin) -> None:
@@ -71,7 +71,7 @@ def _over_latency(folder: Path, found: Margins) -> list[Path]:
         axes.set(xlabel="sample to action, mean of the joints, µs", ylim=(0.0, None))
         axes.grid(**GRID)
     title = f"{found.scenario.name}: what the loop bears at each latency, all joints delayed alike."
-    return _close(figure, folder / "largest-g-and-jn", title)
+    return finish(figure, folder / "largest-g-and-jn", title)
 
 
 def _points(axes: "Axes", rows: Sequence[Raised]) -> None:
@@ -99,15 +99,3 @@ def _figure(height_in: float) -> "Figure":
     from matplotlib.figure import Figure
 
     return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
-
-
-def _close(figure: "Figure", stem: Path, title: str) -> list[Path]:
-    """Give a figure its title and one legend without doubles; write it."""
-    entries: dict[str, Artist] = {}
-    for axes in figure.axes:
-        for line, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, line)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=10.0)
-    columns = 4 if len(entries) == 4 else 3
-    figure.legend([*entries.values()], [*entries], loc="outside lower center", frameon=False, ncols=columns)
-    return save(figure, stem, title)

@@ -18,11 +18,6 @@ Array = npt.NDArray[np.float64]
 QUEUED, STARTS, ENDS = range(3)
 
 
-def seconds(ns: float | None) -> float | None:
-    """Return nanoseconds in seconds, nothing for nothing."""
-    return None if ns is None else float(ns) / 1e9
-
-
 def name_of(identifier: int, codec: Codec) -> str:
     """Return a message's name; what the database does not know goes by its identifier."""
     message = codec.by_identifier.get(identifier)

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from dbc.compiler import load_arm
+from hil.constants import BY_TURNS
 from hil.figures import GRID, WIDTH_IN, drawing
 from hil.scenario import Scenario
 from hil.timing.measured import Array, by_message, response_ns
-from hil.timing.rig_analysis import BY_TURNS
 from hil.timing.style import finish
 from hil.timing.timeline import Timeline
 

@@ -4,19 +4,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from dbc.compiler import describe_arm
-from hil.constants import cycle_frames
+from hil.constants import BY_TURNS, cycle_frames
 from hil.scenario import Scenario
-from hil.timing.analysis import NS_A_SECOND
-from hil.timing.cycle import Bound, Late
-from hil.timing.measured import seconds
+from hil.timing.analysis import seconds
+from hil.timing.cycle import Bound
 from hil.timing.response_time import Errors
 from hil.timing.rig_cycle import STATUS, Spans, by_joints, cycle_of, lowest_bitrate, worst_spans
 from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
 from hil.wire.controller import QUEUE_DEPTH
-from hil.wire.rates import Rates
+from hil.wire.rates import NS_PER_S, Rates
 from hil.witness import sender_of
 
-BY_TURNS = ("State", "Heartbeat")
 Seen = Mapping[str, Mapping[str, Any]]
 """Of messages by name: their response as a distribution [s]; spans_ns: shortest and longest frame, where known."""
 
@@ -31,14 +29,8 @@ class Analysis:
         self.rates, self.fd_rates = Rates(scenario.bit_ns), Rates(scenario.bit_ns, data_bit_ns)
         self.errors = errors
         self._pace = scenario.clock.pace if scenario.clock.kind == "wall" else 1.0
-        self.late, self.worst = self._bounded(self.rates)
-        _, self.flexible = self._bounded(self.fd_rates)
-
-    def _bounded(self, rates: Rates, spans: Spans | None = None) -> tuple[str | None, dict[str, Bound] | None]:
-        try:
-            return None, self.cycle.bounds(rates, spans, self.errors)
-        except Late as late:
-            return str(late), None
+        self.late, self.worst = self.cycle.judged(self.rates, errors=errors)
+        _, self.flexible = self.cycle.judged(self.fd_rates, errors=errors)
 
     def to_json(self, seen: Seen, by_answer: bool = False) -> dict[str, Any]:
         """Return all bounds beside what was seen; by_answer: responses are counted from the frame that is answered."""
@@ -48,7 +40,7 @@ class Analysis:
             "clock": self.scenario.clock.kind,
             "pace": self.scenario.clock.pace,
             "bitrate": self.rates.bitrate,
-            "data_bitrate": NS_A_SECOND / data_bit_ns,
+            "data_bitrate": NS_PER_S / data_bit_ns,
             "period_s": self.scenario.clock.period_s,
             "utilisation": self._utilisation(),
             "meets_deadlines": self.worst is not None,
@@ -89,7 +81,7 @@ class Analysis:
 
     def _rows(self, seen: Seen, by_answer: bool) -> list[dict[str, Any]]:
         """Return a row for each message of the run, by identifier; those of set-up and Stop have none."""
-        _, actual = self._bounded(self.rates, self._actual_spans(seen)) if seen else (None, None)
+        _, actual = self.cycle.judged(self.rates, self._actual_spans(seen), self.errors) if seen else (None, None)
         lengths = cycle_frames(self.cycle.joints)
         rows = []
         for message in describe_arm(self.cycle.joints):

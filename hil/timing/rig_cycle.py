@@ -45,13 +45,18 @@ class Cycle:
         timing = Timing(self.period_ns, rates.bit_ns, INTERMISSION_BITS * rates.bit_ns, errors)
         return bounds(self._slots(spans or worst_spans(self.joints, rates), TAIL_BITS * rates.bit_ns), timing)
 
+    def judged(
+        self, rates: Rates, spans: Spans | None = None, errors: Errors | None = None
+    ) -> tuple[str | None, dict[str, Bound] | None]:
+        """Return (None, bounds), or the frame that may not end with its cycle and no bounds."""
+        try:
+            return None, self.bounds(rates, spans, errors)
+        except Late as late:
+            return str(late), None
+
     def fits(self, rates: Rates, errors: Errors | None = None) -> bool:
         """Return whether all frames of a cycle end with it."""
-        try:
-            self.bounds(rates, errors=errors)
-        except Late:
-            return False
-        return True
+        return self.judged(rates, errors=errors)[0] is None
 
     def _slots(self, spans: Spans, tail_ns: int) -> list[Slot]:
         identifiers = _identifiers()

@@ -6,6 +6,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from hil.constants import BY_TURNS
 from hil.wire.rates import NS_PER_S
 
 USUAL_BITRATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
@@ -83,7 +84,7 @@ def _merged(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     chosen: dict[str, dict[str, Any]] = {}
     for row in rows:
         kind = row["name"].partition("_")[0]
-        name = f"{kind}_n" if kind in ("State", "Heartbeat") else row["name"]
+        name = f"{kind}_n" if kind in BY_TURNS else row["name"]
         before = chosen.get(name)
         if before is None or (row["response_max_s"] or 0.0) > (before["response_max_s"] or 0.0):
             chosen[name] = row | {"name": name}

@@ -41,10 +41,7 @@ def largest(holds: Callable[[float], bool], low: float, high: float, steps: int,
             break
         stride *= 2
     good, bad = (last, step) if upwards else (step, last)
-    while bad - good > 1:
-        step = (good + bad) // 2
-        good, bad = (step, bad) if at(step) else (good, step)
-    return Largest(low + good * (high - low) / steps)
+    return Largest(low + _last(at, good, bad) * (high - low) / steps)
 
 
 def lowest_bitrate(holds: Callable[[int], bool], shortest_ns: int = SHORTEST_BIT_NS) -> int | None:
@@ -54,8 +51,12 @@ def lowest_bitrate(holds: Callable[[int], bool], shortest_ns: int = SHORTEST_BIT
     """
     if not holds(shortest_ns):
         return None
-    good, bad = shortest_ns, LONGEST_BIT_NS
+    return -(-NS_PER_S // _last(holds, shortest_ns, LONGEST_BIT_NS))
+
+
+def _last(holds: Callable[[int], bool], good: int, bad: int) -> int:
+    """Return the last step that holds between one that does and one that does not."""
     while bad - good > 1:
-        bit_ns = (good + bad) // 2
-        good, bad = (bit_ns, bad) if holds(bit_ns) else (good, bit_ns)
-    return -(-NS_PER_S // good)
+        step = (good + bad) // 2
+        good, bad = (step, bad) if holds(step) else (good, step)
+    return good
