@@ -12,7 +12,14 @@ from dbc.crc import crc16
 from dbc.status import Status
 from firmware_py.dsp import kinematics, trajectory
 from firmware_py.dsp.computed_torque import ComputedTorque
-from firmware_py.dsp.control import CommandTable, PositionControl, position_control, resting_cycle
+from firmware_py.dsp.control import (
+    CommandTable,
+    JointSpace,
+    PositionControl,
+    TaskSpace,
+    position_control,
+    resting_cycle,
+)
 from firmware_py.dsp.cpu import DSP, DSPSettings
 from firmware_py.dsp.inverse_dynamics import ArmModel
 from firmware_py.free_running import FreeRunning
@@ -201,7 +208,7 @@ def check_path(scenario: Scenario) -> None:
 
 def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
     """Return the DSP."""
-    check_path(scenario)
+    control: PositionControl = build_control(scenario)
     settings = DSPSettings(
         joints=scenario.joints,
         period_ns=scenario.period_ns,
@@ -213,16 +220,23 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         rad_per_count=constants.rad_per_count(scenario),
         counts_per_rad_s2=1.0 / codec.scale("AccelRef", "Joint1"),
     )
-    motion = build_trajectory(scenario)
+    if scenario.dsp.law == "computed-torque":
+        control = computed_torque(scenario, control)
+    return DSP(settings, control, codec, _status(scenario, codec, DSP_NUMBER))
+
+
+def build_control(scenario: Scenario) -> JointSpace | TaskSpace:
+    """Return the position controller, its commands computed; raise ScenarioError where they cannot be followed."""
+    check_path(scenario)
     if scenario.dsp.space == "task" and not scenario.in_task_space:
         raise ScenarioError(
             "dsp.space = 'task' needs a path in task space, but trajectory.kind = 'quintic' moves the joints: "
             "take trajectory.kind = 'circle', 'line' or 'path', or dsp.space = 'joint'"
         )
     gains = scenario.dsp.k1_1_s, scenario.dsp.k2_1_s2
-    control = position_control(
+    return position_control(
         scenario.dsp.space,
-        motion,
+        build_trajectory(scenario),
         scenario.in_task_space,
         scenario.start_rad,
         scenario.arm.lengths_m,
@@ -230,9 +244,6 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         scenario.cycles,
         scenario.period_ns,
     )
-    if scenario.dsp.law == "computed-torque":
-        control = computed_torque(scenario, control)
-    return DSP(settings, control, codec, _status(scenario, codec, DSP_NUMBER))
 
 
 def computed_torque(scenario: Scenario, control: PositionControl) -> ComputedTorque:

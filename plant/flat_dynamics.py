@@ -198,7 +198,7 @@ def current_after(arm: FlatArm, span_s: float, result: Floats) -> None:
         result[j] = arm.reference[j] + (arm.current[j] - arm.reference[j]) * left
 
 
-def step(arm: FlatArm, h: float) -> bool:
+def runge_kutta_step(arm: FlatArm, h: float) -> bool:
     """Set q_then, w_then to where the free joints are after h; return whether the step was calm, as in `rk4`."""
     n = arm.joints
     half, sixth = 0.5 * h, h / 6.0

@@ -7,7 +7,7 @@ those of `friction`, its instants those of `bracket`. Units: SI. Ref: eq. (1), c
 from math import copysign, inf
 
 from plant.bracket import begin, goes_on, guess, narrowed
-from plant.flat_dynamics import FlatArm, balance, current_after, step
+from plant.flat_dynamics import FlatArm, balance, current_after, runge_kutta_step
 from plant.friction import BREAKAWAY_SLACK
 from plant.stick_slip import MOST_PARTS, SHORTEST_PART
 
@@ -103,15 +103,15 @@ def _steady(arm: FlatArm) -> bool:
 def _advance_part(arm: FlatArm, longest_s: float, shortest_s: float) -> float:
     """Advance to the next change, at most longest_s; return how far."""
     part_s = longest_s
-    calm = step(arm, part_s)
+    calm = runge_kutta_step(arm, part_s)
     margin = _margin(arm, part_s)
     while margin > 0.0 and not calm and part_s > shortest_s:
         part_s *= 0.5  # it nearly stops: it may have stopped and set off again
-        calm = step(arm, part_s)
+        calm = runge_kutta_step(arm, part_s)
         margin = _margin(arm, part_s)
     if margin <= 0.0:
         part_s = _first_change(arm, part_s, margin)
-        step(arm, part_s)
+        runge_kutta_step(arm, part_s)
     _take_step(arm, part_s)
     return part_s
 
@@ -128,11 +128,11 @@ def _take_step(arm: FlatArm, span_s: float) -> None:
 
 def _first_change(arm: FlatArm, end_s: float, margin: float) -> float:
     """Return when a margin that is used up at end_s is so first: `bracket.first_negative`."""
-    step(arm, 0.0)
+    runge_kutta_step(arm, 0.0)
     search = begin(end_s, _margin(arm, 0.0), margin)
     while goes_on(search):
         at_s = guess(search)
-        step(arm, at_s)
+        runge_kutta_step(arm, at_s)
         search = narrowed(search, at_s, _margin(arm, at_s))
     return search[1]
 

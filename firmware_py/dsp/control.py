@@ -113,7 +113,7 @@ def position_control(
     gains: tuple[float, float],
     cycles: int,
     period_ns: int,
-) -> PositionControl:
+) -> JointSpace | TaskSpace:
     """Return the controller of `space` ("joint" or "task") for a trajectory given in either space."""
     if space == "task":
         return TaskSpace(CommandTable(trajectory, cycles, period_ns), start_rad, lengths_m, *gains)

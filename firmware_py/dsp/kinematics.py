@@ -27,6 +27,8 @@ class SingularPoint(ValueError):
 
 def tip(lengths_m: Sequence[float], q: Sequence[float]) -> Vector:
     """Return (x, y, phi), eq. (10)."""
+    if len(lengths_m) != len(q):
+        raise ValueError("tip: give one angle for each length")
     x = y = theta = 0.0
     for n in range(len(lengths_m)):
         theta += q[n]
