@@ -54,7 +54,9 @@ def _compiled(name: str, text: str) -> Function | None:
         # numpy's error model: 1 / 0 is infinite, and costs no branch
         for used in [each for each, value in namespace.items() if isinstance(value, FunctionType)]:
             entry = used == name
-            options = {"cache": True} if entry else {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            options: dict[str, Any] = (
+                {"cache": True} if entry else {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            )
             namespace[used] = njit(error_model="numpy", **options)(namespace[used])
         compiled: Function = namespace[name]
     except (ImportError, OSError, RuntimeError):  # RuntimeError is what Numba says if it cannot keep its code

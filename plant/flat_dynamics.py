@@ -40,6 +40,7 @@ FLAT_ARM = np.dtype(
         ("limit", np.float64, _EACH),  # of friction, brakes included
         ("modes", np.int64, _EACH),  # as in `friction`: a joint is free if its mode is not 0
         ("constant", np.float64, _EACH),  # torque that is constant while the modes are
+        ("lost", np.int64),  # whether a step ever led to a number that is not finite
         # where a step led
         ("q_then", np.float64, _EACH),
         ("w_then", np.float64, _EACH),
@@ -221,6 +222,8 @@ def runge_kutta_step(arm: FlatArm, h: float) -> bool:
             c = a[1, i] + a[2, i]
             q[i] = arm.q[i] + h * (arm.w[i] + sixth * (a[0, i] + c))
             w[i] = arm.w[i] + sixth * (a[0, i] + c + c + a[3, i])
+            if not (q[i] - q[i] == 0.0 and w[i] - w[i] == 0.0):
+                arm.lost = 1
             if arm.limit[i] > 0.0:
                 s = arm.modes[i]
                 calm = calm and w[i] * s > 0.0 and (arm.w[i] + h * a[0, i]) * s > 0.0

@@ -15,7 +15,7 @@ from plant.stick_slip import MOST_PARTS, SHORTEST_PART
 def advance(arm: FlatArm, span_s: float) -> bool:
     """Integrate over span_s, currents included; return False if changes of friction do not end."""
     settle(arm)
-    if _stands(arm) and _steady(arm):
+    if _stays(arm):
         return True
     left_s = span_s
     for _ in range(MOST_PARTS):
@@ -86,18 +86,12 @@ def _set_constant(arm: FlatArm) -> None:
         arm.constant[j] = arm.external[j] - arm.modes[j] * arm.limit[j]
 
 
-def _stands(arm: FlatArm) -> bool:
+def _stays(arm: FlatArm) -> bool:
+    """Return whether all joints stand, and what they must hold does not change."""
+    changes = 0
     for j in range(arm.joints):
-        if arm.modes[j] != 0:
-            return False
-    return True
-
-
-def _steady(arm: FlatArm) -> bool:
-    for j in range(arm.joints):
-        if arm.current[j] != arm.reference[j]:
-            return False
-    return True
+        changes += arm.modes[j] != 0 or arm.current[j] != arm.reference[j]
+    return changes == 0
 
 
 def _advance_part(arm: FlatArm, longest_s: float, shortest_s: float) -> float:
@@ -140,13 +134,13 @@ def _first_change(arm: FlatArm, end_s: float, margin: float) -> float:
 def _margin(arm: FlatArm, span_s: float) -> float:
     """Return what is left after the step of span_s before a joint must change: speed, or torque to hold."""
     margin = inf
-    for j in range(arm.joints):
-        if arm.modes[j] != 0 and arm.limit[j] > 0.0:
-            margin = min(margin, arm.modes[j] * arm.w_then[j])
+    standing = 0
     for j in range(arm.joints):
         if arm.modes[j] == 0:
-            return min(margin, _release_margin(arm, span_s))
-    return margin
+            standing += 1
+        elif arm.limit[j] > 0.0:
+            margin = min(margin, arm.modes[j] * arm.w_then[j])
+    return min(margin, _release_margin(arm, span_s)) if standing else margin
 
 
 def _release_margin(arm: FlatArm, span_s: float) -> float:

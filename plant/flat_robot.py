@@ -98,7 +98,8 @@ def advance_to(robot: FlatRobot, t_ns: int, cycles: int) -> int:
 def position_counts(robot: FlatRobot, j: int) -> int:
     """Return the counter of joint j (from 0): `encoder.Encoder.counts`."""
     state = robot.state
-    return floor((robot.arm.q[j] - state.zero_rad[j]) * state.counts_per_rad) & state.counter_mask
+    counts: int = floor((robot.arm.q[j] - state.zero_rad[j]) * state.counts_per_rad) & state.counter_mask
+    return counts
 
 
 def release_brakes(robot: FlatRobot, coulomb_Nm: Floats) -> None:
@@ -165,7 +166,4 @@ def _integrate_to(robot: FlatRobot, t_ns: int) -> int:
         if not advance(arm, span_s):
             return NO_END
     state.now_ns = t_ns
-    for j in range(arm.joints):
-        if not arm.w[j] - arm.w[j] == 0.0:
-            return NOT_FINITE
-    return GOES_ON
+    return NOT_FINITE if arm.lost else GOES_ON

@@ -191,7 +191,9 @@ def _words(scenario: Scenario, codec: Codec) -> Any:
             if name != "saturations":
                 words[name] = values[name]
     except OverflowError:
-        raise Unsupported(f"not in the fast engine: joint.word: {name} = {values[name]} has more than 64 bits") from None
+        raise Unsupported(
+            f"not in the fast engine: joint.word: {name} = {values[name]} has more than 64 bits"
+        ) from None
     return words
 
 
