@@ -1,4 +1,4 @@
-"""The fast engine: a run under the rule `functional` as machine code, bit for bit and integer for integer the inline run.
+"""The fast engine: a run under the rule `functional` as machine code, to the bits and integers of the inline run.
 
 What it does not cover it refuses, with the reason: `quickest` then runs inline.
 """
