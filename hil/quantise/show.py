@@ -35,6 +35,8 @@ def show(console: Console, found: dict[str, Any]) -> None:
             console.print(f"in float64 the run stops itself: {compared['fault']['cause']}", soft_wrap=True)
         else:
             console.print(_closed_loop(compared["joints"]))
+            for line in database(compared["joints"]):
+                console.print(line, soft_wrap=True)
     if (proposal := found.get("proposal")) is not None:
         for line in proposed(proposal):
             console.print(line, soft_wrap=True)
@@ -46,6 +48,18 @@ def events(rows: list[dict[str, Any]]) -> Iterator[str]:
         for key, (what, first) in EVENTS.items():
             if row[key]:
                 yield f"joint {row['joint']}: {row['name']} {what} {row[key]} x, first at {row[first]:.6f} s"
+
+
+def database(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield what the scales of the database cost the joints in float64."""
+    yield "database: what its counts add, by AccelRef and Current, to joints in float64"
+    adds = ["-" if row["database_penalty"] is None else f"{row['database_penalty']:+.1%}" for row in rows]
+    yield f"  largest deviation {', '.join(adds)}"
+    finals = ([row[f"final_deviation_{name}_rad"] for row in rows] for name in ("unrounded", "float"))
+    before, after = (_listed(each, 1e6, ".2f") for each in finals)
+    yield f"  final (rms), urad: {before} without, {after} with it"
+    apart = [row["database_largest_difference_rad"] for row in rows]
+    yield f"  apart up to, urad: {_listed(apart, 1e6, '.2f')}"
 
 
 def proposed(proposal: dict[str, Any]) -> Iterator[str]:

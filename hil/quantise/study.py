@@ -12,15 +12,16 @@ from dbc.compiler import load_arm
 from firmware_py.joint_cpu import PARAMETERS_NAMES, SHIFT
 from hil.evaluate import Evaluation, evaluate
 from hil.quantise import signals
+from hil.quantise.closed_loop import closed_loop
 from hil.quantise.derived import Interval, Limits, derived, physical_limits
-from hil.quantise.float_twin import FloatLaw, FloatSeats, Values, open_loop
+from hil.quantise.float_twin import FloatLaw, Values, open_loop
 from hil.quantise.measure import Reference, bits_used, measure
 from hil.quantise.proposal import changes, propose
 from hil.quantise.signals import AS_IT_WAS, SATURATED, UNDERFLOWED, Signal, Trace
 from hil.quantise.tap import Tap
 from hil.rig import Progress, no_progress, run_inline
 from hil.scenario import Scenario
-from hil.summary import deviations, faults
+from hil.summary import faults
 from hil.word_format import WordFormat, words_of
 
 WRAPPING = ("count", "w")
@@ -167,38 +168,3 @@ def rounded_trace(exact: Values, rounded: Values) -> Trace:
     saturated = np.abs(exact - rounded) > 0.5
     underflowed = (exact != 0.0) & (rounded == 0.0)
     return Trace.of(rounded, np.select([saturated, underflowed], [SATURATED, UNDERFLOWED], AS_IT_WAS))
-
-
-def closed_loop(evaluation: Evaluation, codec: Codec, progress: Progress = no_progress) -> dict[str, Any]:
-    """Run a scenario with each joint in float64; return the deviations of both, and what 16 bits add to the largest.
-
-    fault: what ended the run in float64; its figures are left out then.
-    """
-    scenario = evaluation.scenario
-    seats = FloatSeats(scenario, codec)
-    outcome = run_inline(scenario, progress, compiled=False, seat=seats.seat)
-    other, stopped = evaluate(outcome), faults(outcome)
-    if other is None or stopped:
-        return {"fault": stopped[0], "joints": []}
-    difference = np.max(np.abs(evaluation.deviation - other.deviation), axis=0)
-    figures, in_float = deviations(evaluation), deviations(other)
-    largest, final = "max_deviation_rad", "final_deviation_rad"
-    rows = [
-        {
-            "joint": joint,
-            "max_deviation_rad": figures[largest][joint - 1],
-            "max_deviation_float_rad": in_float[largest][joint - 1],
-            "penalty": _penalty(figures[largest][joint - 1], in_float[largest][joint - 1]),
-            "final_deviation_rad": figures[final][joint - 1],
-            "final_deviation_float_rad": in_float[final][joint - 1],
-            "largest_difference_rad": float(difference[joint - 1]),
-            "largest_output_rounding": max(map(abs, step.roundings)),
-        }
-        for joint, step in sorted(seats.steps.items())
-    ]
-    return {"fault": None, "joints": rows}
-
-
-def _penalty(of_words: float, of_float: float) -> float | None:
-    """Return by which share of the float's a deviation is larger; None where that is nothing."""
-    return of_words / of_float - 1.0 if of_float > 0.0 else None
