@@ -156,7 +156,7 @@ class Words:
 
     def acceleration_from_bus(self, signal, x):
         """Return a reference in the step's counts."""
-        if self.acceleration_shift == 0:
+        if self.acceleration_shift == 0 and self.low_word <= x <= self.high_word:
             return x
         return bounded(self, signal, rounded(x, -self.acceleration_shift, NEAREST), self.low_word, self.high_word)
 
@@ -168,7 +168,7 @@ class Words:
 
     def current_to_bus(self, signal, x):
         """Return a current in the bus's counts."""
-        if self.current_shift == 0:
+        if self.current_shift == 0 and -0x8000 <= x <= 0x7FFF:
             return x
         return bounded(self, signal, rounded(x, self.current_shift, NEAREST), -0x8000, 0x7FFF)
 
