@@ -1,4 +1,4 @@
-"""`make bench`: how fast the rig, the wire, the timing analysis and the fast engine run on this machine, and where the time goes.
+"""`make bench`: how fast rig, wire, timing analysis and fast engine run on this machine, and where the time goes.
 
 Figures are medians over several runs of simulated seconds per wall second (recording on, `bits`); a wall clock is read
 nowhere else to judge speed, and no test does.
