@@ -191,10 +191,16 @@ def balance(arm: FlatArm, q: Floats, w: Floats, current: Floats, result: Floats)
         arm.held[i] = arm.driving[i] - (needed + arm.bias[i])
 
 
+def copy(source: Floats, target: Floats) -> None:
+    """Set target to source: a slice would do, and take Numba most of a second each to compile."""
+    for j in range(len(target)):
+        target[j] = source[j]
+
+
 def current_after(arm: FlatArm, span_s: float, result: Floats) -> None:
     """Set result to the currents after span_s."""
     if arm.lag_s == 0.0:
-        result[:] = arm.current
+        copy(arm.current, result)
         return
     left = exp(-span_s / arm.lag_s)
     for j in range(arm.joints):
@@ -206,7 +212,8 @@ def runge_kutta_step(arm: FlatArm, h: float) -> bool:
     n = arm.joints
     half, sixth = 0.5 * h, h / 6.0
     q, w, a = arm.q_then, arm.w_then, arm.slopes
-    q[:], w[:] = arm.q, arm.w
+    copy(arm.q, q)
+    copy(arm.w, w)
     accelerate(arm, q, w, arm.current, a[0])
     current_after(arm, half, arm.current_then)
     for stage in range(1, 4):
