@@ -26,33 +26,38 @@ MISSES_TO_FAULT = 3
 KA, KB, KJ, SHIFT, CURRENT_LIMIT, TABLE_CRC = 0, 1, 2, 3, 4, 5
 PARAMETERS_NAMES = ("KA", "KB", "KJ", "shift", "current_limit")
 
-# Signals of the step that an operation returns to its size.
-W, DW, KB_DW, D, CURRENT, ERROR = 0, 1, 2, 3, 4, 5
-SIGNALS = ("w", "dw", "KB*dw", "d", "i", "i-d")
+# What an operation returns to its size; the last two are reported where they did not fit only.
+W, DW, KB_DW, D, CURRENT, ERROR, A_REF, ESTIMATE = 0, 1, 2, 3, 4, 5, 6, 7
+SIGNALS = ("w", "dw", "KB*dw", "d", "i", "i-d", "a_ref", "estimate")
 
 
 def make_step(words):
-    """Return the control step bound to one word arithmetic: 3 multiplications and 6 additions (table 1).
+    """Return the control step on a kind of words: 3 multiplications and 6 additions (table 1).
 
-    d is the disturbance estimate t_dis_hat / Ktn in current counts, as a double with half its bits behind the point:
-    d' = g (i - d) - KB w', which is (5) without a filter of the large term g Jn w. What the step returns as the
-    estimate is the d that its current answers; the d that it leaves already holds g T of that current, which the next
-    sample's speed takes off again.
+    words: the class; the step takes one of its objects first. Reference, limit, current and estimate are bus counts.
+    d is the disturbance estimate t_dis_hat / Ktn in current counts, a word and a fraction:
+    d' = g (i - d) - KB w', which is (5) without a filter of the large term g Jn w. The estimate is the d that the
+    step's current answers; the d that it leaves already holds g T of that current, which the next speed takes off.
     """
     multiply, add, subtract = words.multiply, words.add, words.subtract
-    wrap, saturate, saturate_double, limit = words.wrap, words.saturate, words.saturate_double, words.limit
-    shift_left, high_of, to_high = words.shift_left, words.high_of, words.to_high
-    nearest = words.shift_right_nearest
+    wrap, saturate, saturate_speed, saturate_d = words.wrap, words.saturate, words.saturate_speed, words.saturate_d
+    speed_in_d, current_in_d, whole, limit = words.speed_in_d, words.current_in_d, words.whole, words.limit
+    acceleration_from_bus, reference_current = words.acceleration_from_bus, words.reference_current
+    current_from_bus, current_to_bus = words.current_from_bus, words.current_to_bus
 
-    def step(count, count_prev, w_prev, d, a_ref, ka, kb, kj, shift, current_limit):
-        w = wrap(W, subtract(count, count_prev))
-        dw = wrap(DW, subtract(w, w_prev))
-        d = saturate_double(D, subtract(d, to_high(saturate(KB_DW, multiply(kb, dw)))))
-        estimate = high_of(d)
-        i = limit(CURRENT, add(nearest(multiply(kj, a_ref), shift), estimate), current_limit)
-        error = saturate(ERROR, subtract(i, estimate))
-        d = saturate_double(D, add(d, shift_left(multiply(ka, error), 1)))
-        return w, d, i, estimate
+    def step(words, count, count_prev, w_prev, d, a_ref, ka, kb, kj, shift, current_limit):
+        a = acceleration_from_bus(words, A_REF, a_ref)
+        bound = current_from_bus(words, current_limit)
+        w = wrap(words, W, subtract(words, count, count_prev))
+        dw = wrap(words, DW, subtract(words, w, w_prev))
+        from_speed = saturate_speed(words, KB_DW, multiply(words, kb, dw))
+        d = saturate_d(words, D, subtract(words, d, speed_in_d(words, from_speed)))
+        estimate = whole(words, ESTIMATE, d)
+        feed = reference_current(words, multiply(words, kj, a), shift)
+        i = limit(words, CURRENT, add(words, feed, estimate), bound)
+        error = saturate(words, ERROR, subtract(words, i, estimate))
+        d = saturate_d(words, D, add(words, d, current_in_d(words, multiply(words, ka, error))))
+        return w, d, current_to_bus(words, CURRENT, i), current_to_bus(words, ESTIMATE, estimate)
 
     return step
 
@@ -73,7 +78,7 @@ class JointCPU:
         self.number = number
         self.name = "joint" + str(number)
         self.words = words
-        self.step = make_step(words)
+        self.step = make_step(type(words))
         self.crc16 = crc16
         self.status = status
         self.period_ns = period_ns
@@ -166,7 +171,7 @@ class JointCPU:
         """Return (current reference, disturbance estimate) in current counts; a user's own law replaces this."""
         ka, kb, kj, shift, current_limit = self.table
         self.w_prev, self.d, i, estimate = self.step(
-            count, self.count_prev, self.w_prev, self.d, a_ref, ka, kb, kj, shift, current_limit
+            self.words, count, self.count_prev, self.w_prev, self.d, a_ref, ka, kb, kj, shift, current_limit
         )
         self.count_prev = count
         return i, estimate
@@ -341,5 +346,5 @@ class JointCPU:
             "strikes": self.strikes,
             "missed_encoders": self.missed_encoders,
             "repeated_encoders": self.repeated_encoders,
-            "saturations": {name: self.words.saturations[k] for k, name in enumerate(SIGNALS)},
+            "saturations": {SIGNALS[k]: n for k, n in enumerate(self.words.saturations) if k < A_REF or n},
         }

@@ -16,13 +16,13 @@ from firmware_py.dsp.control import CommandTable, PositionControl, position_cont
 from firmware_py.dsp.cpu import DSP, DSPSettings
 from firmware_py.dsp.inverse_dynamics import ArmModel
 from firmware_py.free_running import FreeRunning
-from firmware_py.joint_cpu import SIGNALS, JointCPU
-from firmware_py.words import Words
+from firmware_py.joint_cpu import JointCPU
 from hil import constants
 from hil.errors import ScenarioError, failed
 from hil.node import Node
 from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario
 from hil.scenario_parts import to_ns
+from hil.word_format import words_of
 from plant.contact import Compliance
 from plant.dead_time import DeadTime
 from plant.external import ExternalTorque
@@ -261,7 +261,7 @@ def arm_model(scenario: Scenario) -> ArmModel:
 def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
     """Return joint 1 to n, or the user's own controller in its place."""
     cpu = _cpu_class(scenario.cpu(number), number)
-    words = Words(16, len(SIGNALS))
+    words = words_of(scenario, codec)
     status = _status(scenario, codec, number)
     reference = constants.reference_of(number)
     times_ns = scenario.period_ns, scenario.compute_ns(number)

@@ -12,8 +12,9 @@ from hil.errors import ScenarioError
 from hil.scenario import Scenario
 from hil.scenario_parts import to_ns
 from hil.wire.bits import INTERMISSION_BITS, worst_case_bits
+from hil.word_format import BUS_BITS, WordFormat, raw
 
-WORD_MAX = 32767
+CURRENT_FORMAT = "joint.word.current_fraction"
 CURES = {
     "KA": "change joint.g_rad_s or clock.period_s",
     "KB": "change joint.g_rad_s, joint.inertia_kg_m2 or encoder.counts_per_turn",
@@ -66,24 +67,34 @@ def exact_constants(scenario: Scenario, joint: int, codec: Codec) -> tuple[float
 def parameter_table(scenario: Scenario, joint: int, codec: Codec) -> tuple[int, ...]:
     """Return KA, KB, KJ, shift and current limit of joint 1 to n; raise ScenarioError where one does not fit."""
     settings, period_s = scenario.joint, scenario.clock.period_s
-    exact_ka, exact_kb, kj = exact_constants(scenario, joint, codec)
+    exact_ka, exact_kb, exact_kj = exact_constants(scenario, joint, codec)
     if exact_ka >= 1.0:
         raise ScenarioError(
             f"joint.g_rad_s = {settings.g_rad_s} with clock.period_s = {period_s}: g T = {exact_ka:.3f} must stay "
             f"below 1; lower g below {1.0 / period_s:.0f} rad/s or shorten the period"
         )
-    ka, kb = round(exact_ka * (1 << 15)), round(exact_kb)
-    shift = next((s for s in range(LARGEST_SHIFT, -1, -1) if round(kj * (1 << s)) <= WORD_MAX), 0)
-    limit = round(settings.limit_A / codec.scale(f"Current_{joint}", "Reference"))
-    values = {"KA": ka, "KB": kb, "KJ": round(kj * (1 << shift)), "current limit": limit}
-    for name, value in values.items():
-        if not 0 < value <= WORD_MAX:
-            raise ScenarioError(
-                f"joint{joint}: {name} = {value} does not fit its format (1 to {WORD_MAX}): {CURES[name]}"
-            )
+    form = WordFormat.of(scenario, codec)
+    own_kb, own_kj = (
+        exact_kb * 2.0**form.current_shift,
+        exact_kj * 2.0 ** (form.current_shift - form.acceleration_shift),
+    )
+    shift = next((s for s in range(LARGEST_SHIFT, -1, -1) if round(own_kj * 2.0**s) <= form.largest_constant), 0)
+    bits = form.constant_bits
+    ka = raw(f"joint{joint}: KA", exact_ka, form.ka_fraction, bits, CURES["KA"])
+    kb = raw(f"joint{joint}: KB", own_kb, form.kb_fraction, bits, CURES["KB"], "joint.word.kb_fraction")
+    kj = raw(f"joint{joint}: KJ", own_kj, shift, bits, CURES["KJ"])
+    limit = raw(f"joint{joint}: current limit", settings.limit_A, form.bus_current, BUS_BITS, CURES["current limit"])
+    raw(
+        f"joint{joint}: current limit",
+        settings.limit_A,
+        form.current,
+        form.bits,
+        CURES["current limit"],
+        CURRENT_FORMAT,
+    )
     if not settings.observer:
         ka = kb = 0
-    return ka, kb, values["KJ"], shift, limit
+    return ka, kb, kj, shift, limit
 
 
 def cycle_frames(joints: int) -> dict[str, int]:

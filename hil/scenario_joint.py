@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from hil.scenario_parts import Part, Positive, Time
+from hil.scenario_word import Word
 
 Hertz = Annotated[float, Field(ge=1e3, le=1e12)]
 Clocks = Annotated[int, Field(ge=1, le=10**9)]
@@ -24,6 +25,7 @@ class Joint(Part):
     """What every joint CPU is set up with; one entry a joint where there are several."""
 
     observer: bool = True
+    word: Word = Word()
     g_rad_s: Positive = 700.0
     inertia_kg_m2: tuple[Positive, ...] = (1.344, 0.537, 0.0832)
     """Nominal inertia Jn: the least 1 / (M^-1)_ii over the workspace, without payload."""

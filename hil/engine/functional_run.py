@@ -67,7 +67,7 @@ def of(outcome: Outcome) -> FunctionalRun:
 
 
 def _columns(rows: list[dict[str, int]], names: tuple[str, ...]) -> Counts:
-    return np.array([[row[name] for name in names] for row in rows], dtype=np.int64)
+    return np.array([[row.get(name, 0) for name in names] for row in rows], dtype=np.int64)
 
 
 def _from_bus(outcome: Outcome) -> dict[str, Any]:

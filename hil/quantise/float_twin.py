@@ -1,7 +1,7 @@
 """The joint's control law in float64: nothing rounded, nothing saturated but the current at its limit.
 
-In current counts d = t_dis_hat / Ktn: d' = g (i - d) - KB w' and i = KJ q"_ref + d, with KA = g T, KB = g Jn / Ktn and
-KJ = Jn / Ktn as the physics has them. The encoder's counter is the plant's, and wraps here as there.
+In current counts of the bus d = t_dis_hat / Ktn: d' = g (i - d) - KB w' and i = KJ q"_ref + d, with KA = g T,
+KB = g Jn / Ktn and KJ = Jn / Ktn as the physics has them. Its counter wraps as the plant's does.
 
 Ref: the paper's eqs. (5), (6), (8).
 """
@@ -19,6 +19,7 @@ from hil.quantise.tap import COLUMNS, with_own_step
 from hil.rig import directly
 from hil.scenario import Scenario
 from hil.wire.kernel import Kernel
+from hil.word_format import WordFormat
 
 Values = npt.NDArray[np.float64]
 
@@ -42,9 +43,9 @@ class FloatLaw:
         return cls(ka, kb, kj, limit) if scenario.joint.observer else cls(0.0, 0.0, kj, limit)
 
     @classmethod
-    def of_table(cls, ka: int, kb: int, kj: int, shift: int, limit: int) -> "FloatLaw":
+    def of_table(cls, form: WordFormat, ka: int, kb: int, kj: int, shift: int, limit: int) -> "FloatLaw":
         """Return that of a parameter table: the same constants as the firmware's, rounded as they are."""
-        return cls(ka / (1 << 15), kb, kj / (1 << shift), limit)
+        return cls(ka * 0.5**form.ka_fraction, kb * 0.5**form.kb_places, kj * 0.5 ** form.kj_places(shift), limit)
 
     def signals(self, count: int, count_prev: int, w_prev: int, d: float, a_ref: int) -> dict[str, tuple[float, ...]]:
         """Return every named signal of one sample; d twice: behind the speed's term, and behind the current's."""
@@ -95,7 +96,7 @@ class FloatStep:
     roundings: list[float] = field(default_factory=list)
 
     def __call__(
-        self, count: int, count_prev: int, w_prev: int, d: float, a_ref: int, *_table: int
+        self, _words: object, count: int, count_prev: int, w_prev: int, d: float, a_ref: int, *_table: int
     ) -> tuple[int, float, int, int]:
         """Return (w, d, i, estimate) as the firmware's step does, d unrounded."""
         signals = self.law.signals(count, count_prev, w_prev, d, a_ref)

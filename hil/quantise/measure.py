@@ -25,7 +25,7 @@ class Reference:
 def measure(signal: Signal, joint: int, trace: Trace, at_s: Values, reference: Reference) -> dict[str, Any]:
     """Return the row of a signal as JSON-ready values. at_s: time of each sample."""
     used = bits_used(trace.raw, signal.signed)
-    values = trace.raw / (1 << signal.fraction)
+    values = np.ldexp(trace.raw.astype(np.float64), -signal.fraction)
     of_value_s = np.repeat(at_s, len(trace.raw) // len(at_s))
     saturated, wrapped, underflowed = (trace.became == what for what in (SATURATED, WRAPPED, UNDERFLOWED))
     return {

@@ -16,10 +16,10 @@ import numpy.typing as npt
 from firmware_py.joint_cpu import SIGNALS, make_step
 from firmware_py.words import Words
 from hil.quantise.tap import COLUMNS
+from hil.word_format import BUS_BITS, WordFormat
 
 Raw = npt.NDArray[np.int64]
 
-WORD_BITS = 16
 AS_IT_WAS, SATURATED, WRAPPED, UNDERFLOWED = 0, 1, 2, 3
 """What can become of a value."""
 
@@ -32,7 +32,7 @@ class Signal:
 
     name: str
     unit: str
-    bits: int = WORD_BITS
+    bits: int = BUS_BITS
     fraction: int = 0
     signed: bool = True
     constant: bool = False
@@ -43,30 +43,40 @@ class Signal:
         return f"{'Q' if self.signed else 'UQ'}{self.bits - self.fraction - self.signed}.{self.fraction}"
 
 
-STEP_SIGNALS = (
-    Signal("count", ENCODER, signed=False),
-    Signal("w", f"{ENCODER} a sample"),
-    Signal("dw", f"{ENCODER} a sample^2"),
-    Signal("KB*dw", CURRENT),
-    Signal("d", CURRENT, bits=2 * WORD_BITS, fraction=WORD_BITS),
-    Signal("estimate", CURRENT),
-    Signal("a_ref", ACCELERATION),
-    Signal("KJ*a_ref", CURRENT, bits=2 * WORD_BITS),
-    Signal("i", CURRENT),
-    Signal("i-d", CURRENT),
-    Signal("KA*(i-d)", CURRENT, bits=2 * WORD_BITS, fraction=WORD_BITS),
-)
-"""In the order of the step. KJ*a_ref: behind its shift; it and KA*(i-d) are doubles, as IMUL leaves them."""
+def step_signals(form: WordFormat) -> tuple[Signal, ...]:
+    """Return the signals in the order of the step, with their formats; their fractions are those of the bus's counts.
+
+    KJ*a_ref: behind its shift; it and KA*(i-d) are doubles, as IMUL leaves them.
+    """
+    bits, current = form.bits, form.current_shift
+    counter = min(bits, BUS_BITS)
+    in_d = current + form.d_fraction
+    return (
+        Signal("count", ENCODER, BUS_BITS, signed=False),
+        Signal("w", f"{ENCODER} a sample", counter),
+        Signal("dw", f"{ENCODER} a sample^2", counter),
+        Signal("KB*dw", CURRENT, bits + form.kb_fraction, form.kb_places),
+        Signal("d", CURRENT, bits + form.d_fraction, in_d),
+        Signal("estimate", CURRENT, bits, current),
+        Signal("a_ref", ACCELERATION, bits, form.acceleration_shift),
+        Signal("KJ*a_ref", CURRENT, 2 * bits, current),
+        Signal("i", CURRENT, bits, current),
+        Signal("i-d", CURRENT, bits, current),
+        Signal("KA*(i-d)", CURRENT, 2 * bits, in_d),
+    )
+
+
 ACCEL_REF = Signal("AccelRef", ACCELERATION)
 """What the DSP sends."""
 
 
-def constants(shift: int) -> tuple[Signal, ...]:
+def constants(form: WordFormat, shift: int) -> tuple[Signal, ...]:
     """Return the parameters KA, KB and KJ, which must fit and no more. shift: of the joint's table."""
+    bits = form.constant_bits
     return (
-        Signal("KA", "-", fraction=WORD_BITS - 1, constant=True),
-        Signal("KB", f"{CURRENT} per {ENCODER} a sample", constant=True),
-        Signal("KJ", f"{CURRENT} per {ACCELERATION}", fraction=shift, constant=True),
+        Signal("KA", "-", bits, form.ka_fraction, constant=True),
+        Signal("KB", f"{CURRENT} per {ENCODER} a sample", bits, form.kb_places, constant=True),
+        Signal("KJ", f"{CURRENT} per {ACCELERATION}", bits, form.kj_places(shift), constant=True),
     )
 
 
@@ -87,47 +97,73 @@ class Trace:
 class TracedWords(Words):
     """The words of the joint CPU that keep what every operation returned, and what became of it, by signal."""
 
-    def __init__(self, bits: int = WORD_BITS) -> None:
-        self.kept: dict[str, list[tuple[int, int]]] = {signal.name: [] for signal in STEP_SIGNALS}
-        Words.__init__(self, bits, len(SIGNALS))
+    def __init__(self, *formats: Any) -> None:
+        Words.__init__(self, *formats)
+        self.kept: dict[str, list[tuple[int, int]]] = {}
 
-    def _bind(self) -> None:
-        Words._bind(self)
-        self.wrap = self._returned(self.wrap, WRAPPED)
-        self.saturate = self._returned(self.saturate, SATURATED)
-        self.saturate_double = self._returned(self.saturate_double, SATURATED)
-        self.limit = self._returned(self.limit, SATURATED)
-        one = 1 << self.bits
-        self.high_of = self._shifted("estimate", self.high_of, lambda x, _: 0 < abs(x) < one)
-        self.shift_right_nearest = self._shifted("KJ*a_ref", self.shift_right_nearest, lambda x, y: x != 0 and y == 0)
-        self.shift_left = self._shifted("KA*(i-d)", self.shift_left, lambda _x, _y: False)
+    def wrap(self, signal: int, x: int) -> int:
+        """Keep it."""
+        return self._keep(SIGNALS[signal], x, Words.wrap(self, signal, x), WRAPPED)
 
-    def _returned(self, operation: Any, otherwise: int) -> Any:
-        def returned(signal: int, x: int, *bound: int) -> Any:
-            y = operation(signal, x, *bound)
-            self.kept[SIGNALS[signal]].append((y, otherwise if y != x else AS_IT_WAS))
-            return y
+    def saturate(self, signal: int, x: int) -> int:
+        """Keep it."""
+        return self._keep(SIGNALS[signal], x, Words.saturate(self, signal, x))
 
-        return returned
+    def saturate_speed(self, signal: int, x: int) -> int:
+        """Keep it."""
+        return self._keep(SIGNALS[signal], x, Words.saturate_speed(self, signal, x))
 
-    def _shifted(self, name: str, operation: Any, underflows: Any) -> Any:
-        def shifted(x: int, *count: int) -> Any:
-            y = operation(x, *count)
-            self.kept[name].append((y, UNDERFLOWED if underflows(x, y) else AS_IT_WAS))
-            return y
+    def saturate_d(self, signal: int, x: int) -> int:
+        """Keep it."""
+        return self._keep(SIGNALS[signal], x, Words.saturate_d(self, signal, x))
 
-        return shifted
+    def limit(self, signal: int, x: int, bound: int) -> int:
+        """Keep it; a law's limit saturates, whatever overflows do."""
+        return self._keep(SIGNALS[signal], x, Words.limit(self, signal, x, bound), SATURATED)
+
+    def whole(self, signal: int, d: int) -> int:
+        """Keep it; of less than a count nothing is left."""
+        before = self.saturations[signal]
+        y = Words.whole(self, signal, d)
+        lost = UNDERFLOWED if 0 < abs(d) < 1 << self.d_fraction else AS_IT_WAS
+        return self._keep_as("estimate", y, self._overflow if self.saturations[signal] > before else lost)
+
+    def reference_current(self, x: int, shift: int) -> int:
+        """Keep it."""
+        y = Words.reference_current(self, x, shift)
+        return self._keep_as("KJ*a_ref", y, UNDERFLOWED if x != 0 and y == 0 else AS_IT_WAS)
+
+    def current_in_d(self, x: int) -> int:
+        """Keep it."""
+        y = Words.current_in_d(self, x)
+        return self._keep_as("KA*(i-d)", y, UNDERFLOWED if x != 0 and y in (0, -1) and x != y else AS_IT_WAS)
+
+    def acceleration_from_bus(self, signal: int, x: int) -> int:
+        """Keep it."""
+        before = self.saturations[signal]
+        y = Words.acceleration_from_bus(self, signal, x)
+        lost = UNDERFLOWED if x != 0 and y == 0 else AS_IT_WAS
+        return self._keep_as("a_ref", y, self._overflow if self.saturations[signal] > before else lost)
+
+    @property
+    def _overflow(self) -> int:
+        return WRAPPED if self.wraps_over else SATURATED
+
+    def _keep(self, name: str, x: int, y: int, otherwise: int | None = None) -> int:
+        return self._keep_as(name, y, AS_IT_WAS if y == x else self._overflow if otherwise is None else otherwise)
+
+    def _keep_as(self, name: str, y: int, became: int) -> int:
+        self.kept.setdefault(name, []).append((y, became))
+        return y
 
 
-def replay(samples: Raw) -> dict[str, Trace]:
+def replay(samples: Raw, words: TracedWords) -> dict[str, Trace]:
     """Return every signal of the steps that were given these samples (rows of COLUMNS); d has two values in each."""
-    words = TracedWords()
-    step = make_step(words)
+    step = make_step(TracedWords)
     for row in samples[:, 1:].tolist():
-        step(*row)
+        step(words, *row)
     column = dict(zip(COLUMNS, samples.T, strict=True))
-    traces = {name: Trace.of(*zip(*kept, strict=True)) for name, kept in words.kept.items() if kept}
+    traces = {name: Trace.of(*zip(*kept, strict=True)) for name, kept in words.kept.items()}
     past_its_end = column["count_prev"] + traces["w"].raw != column["count"]
     traces["count"] = Trace.of(column["count"], np.where(past_its_end, WRAPPED, AS_IT_WAS))
-    traces["a_ref"] = Trace.of(column["a_ref"])
     return traces

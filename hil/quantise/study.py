@@ -18,6 +18,7 @@ from hil.quantise.tap import Tap
 from hil.rig import Progress, no_progress, run_inline
 from hil.scenario import Scenario
 from hil.summary import deviations, faults
+from hil.word_format import WordFormat, words_of
 
 
 @dataclass(frozen=True)
@@ -55,14 +56,15 @@ def _of_joint(scenario: Scenario, joint: int, codec: Codec, tap: Tap) -> Iterato
         return
     at_s = samples[:, 0].astype(np.float64) * 1e-9
     table = samples[0, -len(PARAMETERS_NAMES) :].tolist()
-    law, same = FloatLaw.of(scenario, joint, codec), FloatLaw.of_table(*table)
-    traces = signals.replay(samples)
+    form = WordFormat.of(scenario, codec)
+    law, same = FloatLaw.of(scenario, joint, codec), FloatLaw.of_table(form, *table)
+    traces = signals.replay(samples, words_of(scenario, codec, signals.TracedWords))
     exact, with_same = open_loop(law, samples), open_loop(same, samples)
-    for signal in signals.STEP_SIGNALS:
+    for signal in signals.step_signals(form):
         reference = Reference(exact[signal.name], with_same[signal.name])
         yield measure(signal, joint, traces[signal.name], at_s, reference)
     of_law = (law.ka, same.ka), (law.kb, same.kb), (law.kj, same.kj)
-    for signal, raw, values in zip(signals.constants(table[SHIFT]), table, of_law, strict=False):
+    for signal, raw, values in zip(signals.constants(form, table[SHIFT]), table, of_law, strict=False):
         reference = Reference(*(np.array([value]) for value in values))
         yield measure(signal, joint, Trace.of([raw]), at_s[:1], reference)
 

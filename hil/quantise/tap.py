@@ -21,7 +21,7 @@ from hil.rig import directly
 from hil.wire.kernel import Kernel
 
 Step = Callable[..., tuple[Any, ...]]
-"""firmware_py.joint_cpu.make_step's: (count, count_prev, w_prev, d, a_ref, *table) to (w, d, i, estimate)."""
+"""firmware_py.joint_cpu.make_step's: (words, count, count_prev, w_prev, d, a_ref, *table) to (w, d, i, estimate)."""
 
 COLUMNS = ("at_ns", "count", "count_prev", "w_prev", "d", "a_ref", "ka", "kb", "kj", "shift", "current_limit")
 
@@ -50,9 +50,9 @@ class Tap:
         step: Step = joint.step
         kept = self._samples[joint.number] = array("q")
 
-        def written_down(*arguments: int) -> tuple[Any, ...]:
+        def written_down(words: Any, *arguments: int) -> tuple[Any, ...]:
             kept.extend((kernel.now_ns, *arguments))
-            return step(*arguments)
+            return step(words, *arguments)
 
         return written_down
 

@@ -137,7 +137,7 @@ def step():
                 values["count_prev"] = fields["Position"]
             words = InstrumentedWords(16, len(SIGNALS))
             before = dict(values)
-            w, d, i, estimate = make_step(words)(*values.values(), *table)
+            w, d, i, estimate = make_step(InstrumentedWords)(words, *values.values(), *table)
             values |= {"count_prev": fields["Position"], "w_prev": w, "d": d}
             if cycle == SHOWN:
                 break

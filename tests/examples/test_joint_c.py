@@ -28,6 +28,8 @@ FUNCTIONAL = "bus.fidelity=functional"
 RUNS = ("paper-joint", "paper-task", "load-step")
 LIVES = 120
 CYCLES = 1000
+JOINT_SIGNALS = 6
+"""Those of law.c: its counts are the bus's, so the last two of SIGNALS have nothing to count there."""
 
 
 @pytest.fixture(scope="module")
@@ -168,17 +170,20 @@ def any_rows(count=100_000):
 @pytest.mark.parametrize("rows", [make_rows(OF_A_RUN), any_rows()], ids=["as in a run", "anything"])
 def test_the_step_row_by_row(built, sanitized, rows):
     words = Words(16, len(SIGNALS))
-    step = make_step(words)
-    truth = np.array([step(*row) for row in np.stack(rows).T.tolist()])
+    step = make_step(Words)
+    truth = np.array([step(words, *row) for row in np.stack(rows).T.tolist()])
     table = np.stack(rows).T.astype(np.int32).tobytes()
     for program in (built.replay, sanitized):
         run = subprocess.run([str(program), "rows"], input=table, capture_output=True, timeout=120, check=False)
         assert run.returncode == 0, run.stderr.decode()
-        results = np.frombuffer(run.stdout[: -4 * len(SIGNALS)], dtype=np.int32).reshape(-1, 4)
+        results = np.frombuffer(run.stdout[: -4 * JOINT_SIGNALS], dtype=np.int32).reshape(-1, 4)
         assert len(results) == len(truth) >= 100_000
         wrong = np.flatnonzero((results != truth).any(axis=1))
         assert wrong.size == 0, f"{[int(c[wrong[0]]) for c in rows]}: {truth[wrong[0]]} in Python, {results[wrong[0]]}"
-        assert np.frombuffer(run.stdout[-4 * len(SIGNALS) :], dtype=np.uint32).tolist() == words.saturations
+        assert (
+            np.frombuffer(run.stdout[-4 * JOINT_SIGNALS :], dtype=np.uint32).tolist()
+            == words.saturations[:JOINT_SIGNALS]
+        )
 
 
 # -- the tests, tested --

@@ -94,7 +94,7 @@ REFUSED = {
     "trajectory={kind='line', by_m=[1.0, 0.0], time_s=1.0}": r"at 0.220 s: q2 = 0.0413 rad: \|sin q2\| is below",
     "trajectory={kind='path', legs=[]}": r"trajectory.legs = \[\]: Tuple should have at least 1 item",
     "joint.inertia_kg_m2=[1.0]": r"joint.inertia_kg_m2 has 1 entries, but arm.lengths_m has 3",
-    "joint.inertia_kg_m2=[100.0, 1.0, 1.0]": r"joint1: KB = \d+ does not fit its format \(1 to 32767\)",
+    "joint.inertia_kg_m2=[100.0, 1.0, 1.0]": r"joint1: KB = \d+ does not fit its format Q15.0 \(1 to 32767\)",
     "joint.inertia_kg_m2=[1e-9, 1.0, 1.0]": r"joint1: K\w+ = 0 does not fit its format",
     "joint.limit_A=17": r"joint1: current limit = 34816 does not fit its format",
     "joint.compute_s=0.001": r"joint1: compute_s = 0.001 is not below clock.period_s = 0.001",

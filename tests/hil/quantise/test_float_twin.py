@@ -10,6 +10,7 @@ from hil import scenario_file
 from hil.constants import exact_constants, parameter_table
 from hil.quantise.float_twin import FloatLaw, FloatStep, open_loop
 from hil.quantise.tap import COLUMNS
+from hil.word_format import WordFormat
 
 CODEC = load_arm()
 PAPER = scenario_file.load("paper-joint")
@@ -64,7 +65,9 @@ def test_the_table_is_the_exact_constants_rounded(joint):
     shift = in_table[3]
     for exact, whole in zip((ka * 2**15, kb, kj * 2**shift), in_table, strict=False):
         assert abs(exact - whole) <= 0.5
-    assert FloatLaw.of_table(*in_table) == FloatLaw(in_table[0] / 32768, in_table[1], in_table[2] / 2**shift, 16384)
+    assert FloatLaw.of_table(WordFormat.of(PAPER, CODEC), *in_table) == FloatLaw(
+        in_table[0] / 32768, in_table[1], in_table[2] / 2**shift, 16384
+    )
 
 
 def test_without_an_observer_its_constants_are_zero():
@@ -88,6 +91,6 @@ def test_open_loop_carries_its_own_d():
 
 def test_the_output_alone_is_rounded_and_counted():
     step = FloatStep(FloatLaw(ka=0.25, kb=3.0, kj=1.3, limit=1e3))
-    assert step(0, 0, 0, 0.5, 1, 1, 2, 3, 4, 5) == (0, 0.5 + 0.25 * 1.3, 2, 0)
+    assert step(None, 0, 0, 0, 0.5, 1, 1, 2, 3, 4, 5) == (0, 0.5 + 0.25 * 1.3, 2, 0)
     assert step.roundings == [pytest.approx(0.2)]
-    assert step(0, 0, 0, 1e6, 0)[3] == 32767  # what the frame can hold of it
+    assert step(None, 0, 0, 0, 1e6, 0)[3] == 32767  # what the frame can hold of it

@@ -10,14 +10,26 @@ from hil import scenario_file
 from hil.assemble import build_joint
 from hil.errors import ScenarioError
 from hil.evaluate import evaluate
-from hil.quantise.signals import AS_IT_WAS, SATURATED, STEP_SIGNALS, UNDERFLOWED, WRAPPED, constants, replay
+from hil.quantise.signals import (
+    AS_IT_WAS,
+    SATURATED,
+    UNDERFLOWED,
+    WRAPPED,
+    TracedWords,
+    constants,
+    replay,
+    step_signals,
+)
 from hil.quantise.tap import COLUMNS, Tap
 from hil.rig import run_inline
+from hil.word_format import WordFormat, words_of
 
 I16, I32 = np.iinfo(np.int16), np.iinfo(np.int32)
 SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
 ROWS = 20_000
 KTN = (10.0, 6.0, 2.0)
+FORM = WordFormat.of(scenario_file.load("paper-joint"), load_arm())
+STEP_SIGNALS = step_signals(FORM)
 KIND = {"saturate": SATURATED, "wrap": WRAPPED}
 
 
@@ -26,6 +38,10 @@ def tapped():
     """A short run that somebody looks on, and who does."""
     tap = Tap()
     return run_inline(scenario_file.load("paper-joint", SHORT), seat=tap.seat), tap
+
+
+def traced():
+    return words_of(scenario_file.load("paper-joint"), load_arm(), TracedWords)
 
 
 def random_samples():
@@ -73,7 +89,7 @@ def by_numpy(samples):
 
 def test_every_signal_is_numpys_and_every_overflow_is_seen():
     samples = random_samples()
-    traces, expected = replay(samples), by_numpy(samples)
+    traces, expected = replay(samples, traced()), by_numpy(samples)
     assert traces.keys() == expected.keys() == {signal.name for signal in STEP_SIGNALS}
     for name, (before, after, kind) in expected.items():
         assert np.array_equal(traces[name].raw, after), name
@@ -85,7 +101,7 @@ def test_every_signal_is_numpys_and_every_overflow_is_seen():
 def test_an_underflow_is_less_than_a_count_of_which_nothing_is_left():
     """By fractions: of the estimate less than a count; of KJ*a_ref what the nearest count to is zero."""
     samples = random_samples()
-    traces = replay(samples)
+    traces = replay(samples, traced())
     column = dict(zip(COLUMNS, samples.T.tolist(), strict=True))
     left = traces["d"].raw[::2] / 65536
     assert np.array_equal(traces["estimate"].became == UNDERFLOWED, (left != 0) & (np.abs(left) < 1))
@@ -116,7 +132,7 @@ def test_a_joint_that_nobody_looks_at_has_the_bare_words(short):
 def test_what_the_replay_finds_was_on_the_bus(tapped, joint):
     """Current frames carry i and the estimate in counts of 1/2048 A; the evaluation has the estimate in N m."""
     outcome, tap = tapped
-    traces, evaluation = replay(tap.samples(joint)), evaluate(outcome)
+    traces, evaluation = replay(tap.samples(joint), traced()), evaluate(outcome)
     assert np.array_equal(traces["i"].raw, np.rint(evaluation.i_ref[:, joint - 1] * 2048))
     assert np.array_equal(traces["estimate"].raw, np.rint(evaluation.estimate[:, joint - 1] / KTN[joint - 1] * 2048))
     at_ns = tap.samples(joint)[:, 0]
@@ -136,7 +152,7 @@ def test_formats_are_those_of_the_architecture(name, q_format):
 
 
 def test_constants_have_the_formats_of_the_architecture():
-    assert [signal.q_format for signal in constants(shift=13)] == ["Q0.15", "Q15.0", "Q2.13"]
+    assert [signal.q_format for signal in constants(FORM, shift=13)] == ["Q0.15", "Q15.0", "Q2.13"]
 
 
 def test_a_law_of_somebody_elses_is_refused_by_name():
