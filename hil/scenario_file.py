@@ -77,15 +77,20 @@ def read(name_or_path: str, kind: str = "scenario") -> str:
 
 
 def apply(values: dict[str, Any], setting: str) -> None:
-    """Set one value by `path=value`; what is not a TOML value is taken as a string."""
+    """Set one value by `path=value`."""
+    asked = f"--set {setting!r}"
+    put(values, *parted(setting, asked), asked)
+
+
+def parted(setting: str, asked: str) -> tuple[str, Any]:
+    """Return path and value of `path=value`; what is not a TOML value is taken as a string."""
     path, equals, text = setting.partition("=")
     if not equals or not path:
-        raise ScenarioError(f"--set {setting!r}: write path=value, for example joint.observer=false")
+        raise ScenarioError(f"{asked}: write path=value, for example joint.observer=false")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = text
-    put(values, path, value, f"--set {setting!r}")
+        return path, tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return path, text
 
 
 def put(values: dict[str, Any], path: str, value: Any, asked: str) -> None:
