@@ -86,6 +86,12 @@ class WordFormat:
         return (1 << (self.constant_bits - 1)) - 1
 
 
+def with_word(scenario: Scenario, **formats: Any) -> Scenario:
+    """Return the scenario with these formats of its words."""
+    joint = scenario.joint.model_copy(update={"word": scenario.joint.word.model_copy(update=formats)})
+    return scenario.model_copy(update={"joint": joint})
+
+
 def _fraction(scale: float) -> int:
     """Return the bits behind the point of counts of that scale, a power of two."""
     return -round(log2(scale))
