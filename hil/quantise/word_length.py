@@ -16,9 +16,9 @@ import numpy as np
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
-from hil.constants import rad_per_count
 from hil.engine.fast import quickest
 from hil.errors import ScenarioError
+from hil.exact_constants import rad_per_count
 from hil.rig import Progress, no_progress
 from hil.scenario import Scenario
 from hil.sweep.row import figures
