@@ -1,10 +1,12 @@
 """The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`, `hil doctor`,
-`hil timing`, `hil quantise`.
+`hil timing`, `hil quantise`, `hil sweep`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
 """
 
+import atexit
+import gc
 import json
 import os
 import sys
@@ -37,6 +39,7 @@ from hil.options import (
 )
 from hil.quantise.command import quantise
 from hil.reported import reported
+from hil.sweep.command import sweep
 from hil.timing.command import timing
 
 if TYPE_CHECKING:
@@ -270,6 +273,7 @@ def node(
 app.command()(doctor)
 app.command()(timing)
 app.command()(quantise)
+app.command()(sweep)
 
 
 def _say(text: str) -> None:
@@ -290,6 +294,7 @@ def main() -> None:
     """Be the command `hil`; output that nobody can take is an error of its own."""
     if sys.argv[1:2] in (["run"], ["bus"], ["node"]):
         restart_at_fixed_addresses()
+    atexit.register(gc.freeze)  # or the interpreter searches all that is imported for garbage before it ends
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (for the whole process)
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115 (as above)
     try:

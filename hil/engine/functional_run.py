@@ -48,7 +48,12 @@ def functional(scenario: Scenario) -> Scenario:
 
 def inline(scenario: Scenario) -> FunctionalRun:
     """Run a scenario inline under the rule `functional`."""
-    outcome = run_inline(functional(scenario), compiled=False)
+    return of(run_inline(functional(scenario), compiled=False))
+
+
+def of(outcome: Outcome) -> FunctionalRun:
+    """Return what a run left."""
+    scenario = outcome.scenario
     reports, joints = outcome.reports, range(1, scenario.joints + 1)
     stopped = faults(outcome)
     return FunctionalRun(
