@@ -179,3 +179,11 @@ def test_a_file_in_the_folders_place_is_an_error_of_output(sweep, write, tmp_pat
 def test_the_same_seed_gives_the_same_table_and_another_one_another(sweep, write):
     hashes = [sweep(write(seed=seed), out=out)["table_sha256"] for seed, out in ((1, "a"), (1, "b"), (2, "c"))]
     assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_the_order_of_the_table_is_that_of_the_points_whatever_came_first(sweep, write, tmp_path):
+    whole = sweep(write(), out="whole")
+    interrupted(sweep, write(), stop_after=3)
+    part = min((tmp_path / "out" / "parts").iterdir())
+    part.rename(part.with_name("part-9999999.parquet"))
+    assert sweep(write()) == whole
