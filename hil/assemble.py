@@ -12,13 +12,21 @@ from dbc.crc import crc16
 from dbc.status import Status
 from firmware_py.dsp import kinematics, trajectory
 from firmware_py.dsp.computed_torque import ComputedTorque
-from firmware_py.dsp.control import CommandTable, PositionControl, position_control, resting_cycle
+from firmware_py.dsp.control import (
+    CommandTable,
+    JointSpace,
+    PositionControl,
+    TaskSpace,
+    position_control,
+    resting_cycle,
+)
 from firmware_py.dsp.cpu import DSP, DSPSettings
 from firmware_py.dsp.inverse_dynamics import ArmModel
 from firmware_py.free_running import FreeRunning
 from firmware_py.joint_cpu import JointCPU
 from hil import constants
 from hil.errors import ScenarioError, failed
+from hil.exact_constants import rad_per_count, reference_of
 from hil.node import Node
 from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario
 from hil.scenario_parts import to_ns
@@ -37,6 +45,9 @@ DSP_NUMBER = 7
 """Number of the DSP in the names of its State and Heartbeat frames; the plant's is 0, a joint's its own."""
 
 RIPPLES_A_TURN = 60
+
+NUMBA_PAYS_FROM_S = 40.0
+"""Simulated time from which machine code saves more than Numba's start costs (0.5 s and 130 MB)."""
 
 CALLS = ("on_start", "on_frame", "on_timer", "store", "report")
 """What a node answers to (hil/node.py)."""
@@ -102,14 +113,15 @@ def arm_parameters(scenario: Scenario, codec: Codec) -> ArmParameters:
 
 
 def build_plant(scenario: Scenario, codec: Codec, compiled: bool = False) -> Plant:
-    """Return the plant; compiled: as machine code where Numba is installed, and ready: for a run, not for a check."""
+    """Return the plant; compiled: ready, for a run and not for a check, and as machine code where that pays."""
     start_ns = -scenario.clock.setup_cycles * scenario.period_ns
     max_step_ns = min(scenario.period_ns, 1_000_000)
     arm = arm_parameters(scenario, codec)
     backend = scenario.plant.backend
     world = build_world(scenario) if scenario.has_world else None
+    machine = compiled and scenario.duration_s >= NUMBA_PAYS_FROM_S
     try:
-        robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=compiled, backend=backend, world=world)
+        robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=machine, backend=backend, world=world)
     except ValueError as error:
         raise ScenarioError(f"plant.backend = {backend!r}: {error}") from None
     if compiled:
@@ -201,7 +213,7 @@ def check_path(scenario: Scenario) -> None:
 
 def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
     """Return the DSP."""
-    check_path(scenario)
+    control: PositionControl = build_control(scenario)
     settings = DSPSettings(
         joints=scenario.joints,
         period_ns=scenario.period_ns,
@@ -210,19 +222,26 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         compute_ns=to_ns(scenario.dsp.compute_s),
         tables=tuple(constants.parameter_table(scenario, n, codec) for n in range(1, scenario.joints + 1)),
         zero_rad=scenario.start_rad,
-        rad_per_count=constants.rad_per_count(scenario),
+        rad_per_count=rad_per_count(scenario),
         counts_per_rad_s2=1.0 / codec.scale("AccelRef", "Joint1"),
     )
-    motion = build_trajectory(scenario)
+    if scenario.dsp.law == "computed-torque":
+        control = computed_torque(scenario, control)
+    return DSP(settings, control, codec, _status(scenario, codec, DSP_NUMBER))
+
+
+def build_control(scenario: Scenario) -> JointSpace | TaskSpace:
+    """Return the position controller, its commands computed; raise ScenarioError where they cannot be followed."""
+    check_path(scenario)
     if scenario.dsp.space == "task" and not scenario.in_task_space:
         raise ScenarioError(
             "dsp.space = 'task' needs a path in task space, but trajectory.kind = 'quintic' moves the joints: "
             "take trajectory.kind = 'circle', 'line' or 'path', or dsp.space = 'joint'"
         )
     gains = scenario.dsp.k1_1_s, scenario.dsp.k2_1_s2
-    control = position_control(
+    return position_control(
         scenario.dsp.space,
-        motion,
+        build_trajectory(scenario),
         scenario.in_task_space,
         scenario.start_rad,
         scenario.arm.lengths_m,
@@ -230,9 +249,6 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         scenario.cycles,
         scenario.period_ns,
     )
-    if scenario.dsp.law == "computed-torque":
-        control = computed_torque(scenario, control)
-    return DSP(settings, control, codec, _status(scenario, codec, DSP_NUMBER))
 
 
 def computed_torque(scenario: Scenario, control: PositionControl) -> ComputedTorque:
@@ -263,7 +279,7 @@ def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
     cpu = _cpu_class(scenario.cpu(number), number)
     words = words_of(scenario, codec)
     status = _status(scenario, codec, number)
-    reference = constants.reference_of(number)
+    reference = reference_of(number)
     times_ns = scenario.period_ns, scenario.compute_ns(number)
     if (error_ppb := scenario.crystal_ppb(number)) is not None:
         phase_ns = to_ns(scenario.of_joint(number, "crystal_phase_s"))

@@ -73,7 +73,7 @@ def _columns(rows: list[dict[str, int]], names: tuple[str, ...]) -> Counts:
 def _from_bus(outcome: Outcome) -> dict[str, Any]:
     """Return what AccelRef and Current frames of every cycle say; 0 where one is missing."""
     codec, joints = load_arm(), outcome.scenario.joints
-    cycles = min(len(outcome.reports["plant"]["rows"]), outcome.scenario.cycles)  # Stop may meet one row more
+    cycles = min(len(outcome.reports["plant"]["rows"]), outcome.scenario.cycles)  # a row more, of Stop's instant
     found = {name: np.zeros((cycles, joints), dtype=np.int64) for name in ("a_ref", "current", "estimate")}
     current = {codec[f"Current_{n}"].identifier: n - 1 for n in range(1, joints + 1)}
     references = {codec[name].identifier: m * JOINTS_A_FRAME for m, name in enumerate(ACCEL_REFS)}

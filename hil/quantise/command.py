@@ -21,6 +21,9 @@ def quantise(
     scenario: ScenarioName = "paper-joint",
     settings: Settings = [],  # noqa: B006 (typer reads the default, nobody writes it)
     out: Annotated[Path | None, typer.Option(help="Folder for the results.")] = None,
+    words: Annotated[
+        bool, typer.Option("--words", help="Try words of 8 to 32 bits, and tell where the knee is.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Tell what 16-bit words do to the joints: ranges, head-room, overflows, and the error beside float64."""
@@ -29,18 +32,26 @@ def quantise(
     from hil import scenario_file, show
     from hil.quantise import show as tables
     from hil.quantise.study import study
+    from hil.quantise.word_length import word_lengths
+    from hil.quantise.words_show import show_words
 
     chosen = scenario_file.load(scenario, with_clock(settings, "virtual"))
     if out is not None:
         new_folder(out, as_json, chosen.name)
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, _notice):
         result = study(chosen, step)
+    if words:
+        with show.progress(f"{chosen.name}, words", quiet=as_json) as (step, _notice):
+            result.found["words"] = word_lengths(chosen, step)
     if out is not None:
         _write(result.found, chosen, out)
     if as_json:
         print(json.dumps(result.found, allow_nan=False))
     else:
-        tables.show(Console(markup=False, highlight=False), result.found)
+        console = Console(markup=False, highlight=False)
+        tables.show(console, result.found)
+        if words:
+            show_words(console, result.found["words"])
     for fault in result.faults:
         raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")
 
@@ -52,3 +63,7 @@ def _write(found: dict[str, Any], scenario: "Scenario", path: Path) -> None:
     with run_folder(path) as folder:
         (folder / QUANTISATION).write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
         (folder / SCENARIO).write_text(to_toml(scenario))
+        if "words" in found:
+            from hil.quantise.words_figure import write_figure
+
+            write_figure(folder, scenario.name, found["words"])
