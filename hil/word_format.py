@@ -17,6 +17,7 @@ from hil.scenario import Scenario
 BUS_BITS = 16
 """Of a constant in a Parameter frame, of a counter in an Encoder frame."""
 LARGEST_KB_FRACTION = 15
+SHORTEST_PRODUCT = 2
 MOST_BITS = 62
 """Of d: every sum fits 64 bits then, which is what the fast engine has."""
 
@@ -48,11 +49,17 @@ class WordFormat:
                 f"joint.word.d_fraction = {d_fraction} with joint.word.bits = {bits}: d would have "
                 f"{bits + d_fraction} bits, and {MOST_BITS} is the most: take {MOST_BITS - bits} or less"
             )
+        kb_fraction = _kb_fraction(scenario, codec, current)
+        if bits + kb_fraction < SHORTEST_PRODUCT:
+            raise ScenarioError(
+                f"joint.word.kb_fraction = {kb_fraction} with joint.word.bits = {bits}: KB dw would have "
+                f"{bits + kb_fraction} bits: take {SHORTEST_PRODUCT - bits} or more"
+            )
         return cls(
             bits=bits,
             d_fraction=d_fraction,
             ka_fraction=min(bits, BUS_BITS) - 1,
-            kb_fraction=_kb_fraction(scenario, codec, current),
+            kb_fraction=kb_fraction,
             current=current,
             acceleration=bits - 9 if word.acceleration_fraction is None else word.acceleration_fraction,
             bus_current=_fraction(codec.scale("Current_1", "Reference")),
@@ -77,6 +84,11 @@ class WordFormat:
     def kj_places(self, shift: int) -> int:
         """Return the bits of KJ behind the bus's counts. shift: of the joint's table."""
         return shift + self.current_shift - self.acceleration_shift
+
+    @property
+    def total_bits(self) -> int:
+        """What a joint's numbers take: d; KA, KB, KJ; both counters; the words a_ref, i, i - d and KB dw."""
+        return self.bits + self.d_fraction + 3 * self.constant_bits + 2 * min(self.bits, BUS_BITS) + 4 * self.bits
 
     @property
     def constant_bits(self) -> int:
@@ -109,7 +121,7 @@ def _kb_fraction(scenario: Scenario, codec: Codec, current: int) -> int:
         return word.kb_fraction
     largest = max(exact_constants(scenario, joint, codec)[1] for joint in range(1, scenario.joints + 1))
     own = largest * 2.0 ** (current - _fraction(codec.scale("Current_1", "Reference")))
-    return max(-BUS_BITS, min(LARGEST_KB_FRACTION, _most(own, min(word.bits, BUS_BITS))))
+    return max(SHORTEST_PRODUCT - word.bits, min(LARGEST_KB_FRACTION, _most(own, min(word.bits, BUS_BITS))))
 
 
 def _most(exact: float, bits: int) -> int:

@@ -29,6 +29,7 @@ ONLY_IN = {
         "hil/figures.py",
         "hil/paper/plots.py",
         "hil/quantise/words_figure.py",
+        "hil/sweep/figures.py",
         "hil/timing/drift_figure.py",
         "hil/timing/gantt.py",
         "hil/timing/margin_figures.py",

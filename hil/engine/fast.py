@@ -47,6 +47,15 @@ def quickest(scenario: Scenario) -> tuple[FunctionalRun, str]:
         return inline(scenario), str(reason)
 
 
+def slow_because(scenario: Scenario) -> str:
+    """Return why a scenario's run is not fast, empty if it is; the first call on a machine compiles for 10 s."""
+    try:
+        run(scenario)
+    except Unsupported as reason:
+        return str(reason)
+    return ""
+
+
 def run(scenario: Scenario, compiled: bool = True) -> FunctionalRun:
     """Run a scenario under the rule `functional`; raise Unsupported, or ScenarioError as the inline run does.
 

@@ -34,8 +34,10 @@ def sweep(
     from rich.console import Console
 
     from hil import show
+    from hil.errors import MissingExtraError
     from hil.sweep import crew, sweep_file
     from hil.sweep import show as tables
+    from hil.sweep.figures import write_figures
     from hil.sweep.folder import sweep_folder
     from hil.sweep.run import carry_out, plan
 
@@ -58,6 +60,11 @@ def sweep(
             if out is not None and folder.has_rows:
                 notice(f"what is done is in {out}: the same command with --out {out} goes on")
             raise
+        if out is not None:
+            try:
+                write_figures(out, read.sweep, folder.results(), max(base.joints for base in found.bases.values()))
+            except MissingExtraError as lacking:
+                notice(f"no figures: {lacking}")
     if as_json:
         print(json.dumps(summary, allow_nan=False))
     else:

@@ -148,6 +148,10 @@ class Folder:
             return None
         return rows.replace_schema_metadata(None)
 
+    def results(self) -> Any:
+        """Return the whole table of a finished sweep."""
+        return self._parquet.read_table(self.path / RESULTS)
+
     def finish(self, rows: Any, summary: dict[str, Any]) -> None:
         """Write the whole table and its summary; remove the parts."""
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"

@@ -8,21 +8,17 @@ from typing import Any
 import numpy as np
 
 from dbc.compiler import load_arm
-from firmware_py.joint_cpu import SIGNALS
 from hil.engine import functional_run
+from hil.engine.fast import quickest
 from hil.engine.functional_run import FunctionalRun
 from hil.errors import HilError, ScenarioError
 from hil.evaluate import commands, final_rows, tip
 from hil.rig import run_inline
 from hil.scenario import Scenario
+from hil.sweep.columns import OF_A_JOINT, OK, REFUSED, SATURATED, STOPPED, TIP, TOTAL_BITS
 from hil.sweep.paths import Base
 from hil.sweep.sampling import Point
-
-OF_A_JOINT = ("max_deviation_rad", "final_deviation_rad", "swing_rad", "current_noise_A")
-SATURATED = tuple(f"saturations_{name}" for name in SIGNALS)
-OF_A_RUN = (*SATURATED, "saturations_references", "saturations_amplifiers")
-TIP = "max_tip_deviation_m"
-OK, STOPPED, REFUSED = "ok", "stopped", "refused"
+from hil.word_format import WordFormat
 
 
 def rows(base: Base, chunk: list[Point]) -> list[dict[str, Any]]:
@@ -46,7 +42,7 @@ def run(scenario: Scenario) -> FunctionalRun:
     """Run a scenario: under the rule `functional`, or with every bit where the sweep asks for it."""
     if scenario.bus.fidelity == "bits":
         return functional_run.of(run_inline(scenario, compiled=False))
-    return functional_run.inline(scenario)
+    return quickest(scenario)[0]
 
 
 def _cause(error: HilError) -> str:
@@ -59,6 +55,7 @@ def figures(scenario: Scenario, found: FunctionalRun) -> dict[str, Any]:
     counted = {name: int(count) for name, count in zip(SATURATED, found.saturations.sum(axis=0), strict=True)}
     counted["saturations_references"] = int(found.reference_saturations.sum())
     counted["saturations_amplifiers"] = int(found.amplifier_saturations.sum())
+    counted[TOTAL_BITS] = WordFormat.of(scenario, load_arm()).total_bits
     return counted | (_deviations(scenario, found) if len(found.q) else {})
 
 

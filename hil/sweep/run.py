@@ -12,6 +12,7 @@ import numpy as np
 
 from hil import scenario_file
 from hil.assemble import build_nodes
+from hil.engine.fast import slow_because
 from hil.errors import NodeError, OutputError, ScenarioError
 from hil.interrupts import held_back
 from hil.sweep.crew import Crew
@@ -95,6 +96,7 @@ def carry_out(plan: Plan, folder: Folder, crew: Hire, step: Step, notice: Notice
     done = count(there)
     step(done)
     if missing:
+        _say_what_is_slow(plan, missing, notice)
         with crew() as hands:
             for first, found in _finished(hands, plan.bases, missing):
                 folder.add(numbers[first[0].sweep, first[0].index], table(found, first, plan.columns))
@@ -107,6 +109,20 @@ def carry_out(plan: Plan, folder: Folder, crew: Hire, step: Step, notice: Notice
     summary = summarise(plan.file, there)
     folder.finish(there, summary)
     return summary
+
+
+def _say_what_is_slow(plan: Plan, missing: list[Point], notice: Notice) -> None:
+    """Say of each sweep why its runs are not fast, judged by the first that is missing; compile, before all others."""
+    for sweep in plan.file.sweep:
+        for point in (point for point in missing if point.sweep == sweep.name):
+            try:
+                scenario = plan.bases[sweep.name].scenario(point.values)
+                reason = "" if scenario.bus.fidelity == "bits" else slow_because(scenario)
+            except ScenarioError:
+                continue
+            if reason:
+                notice(f"sweep {sweep.name} runs inline, some 50 times as long: {reason}")
+            break
 
 
 def count(there: Any) -> dict[str, int]:

@@ -7,7 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from hil.sweep.row import OK, REFUSED, STOPPED, TIP
+from hil.sweep.columns import OK, REFUSED, STOPPED, TIP
 
 
 def show(console: Console, found: dict[str, Any], folder: Path | None) -> None:

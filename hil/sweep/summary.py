@@ -4,8 +4,8 @@ from collections import Counter
 from math import isfinite
 from typing import Any
 
+from hil.sweep.columns import OK, REFUSED, STOPPED, TIP
 from hil.sweep.folder import RESULTS
-from hil.sweep.row import OK, REFUSED, STOPPED, TIP
 from hil.sweep.sweep_file import Sweep, SweepFile
 from hil.sweep.table import sha256
 

@@ -5,6 +5,7 @@ Raises ScenarioError with the path of what is wrong, its value, the limit and th
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,11 +15,14 @@ from hil import scenario_file
 from hil.errors import ScenarioError
 from hil.record import toml_table, toml_value
 from hil.scenario_parts import Part
+from hil.sweep.columns import OF_A_JOINT, OF_A_RUN, TIP
 from hil.sweep.paths import flat
 
 MOST_POINTS = 1_000_000
 OURS = {"bus.fidelity": "functional", "clock.kind": "virtual"}
-PARTS = ("set", "vary")
+PARTS = ("set", "vary", "figure")
+FIGURES = (*OF_A_JOINT, *OF_A_RUN, TIP)
+"""What a figure can show: of a joint, its number left out, and of a run."""
 TAGS = ("choices", "range", "normal")
 
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e300, le=1e300)]
@@ -74,6 +78,32 @@ Vary = Annotated[
 ]
 
 
+class Figure(Part):
+    """A figure of a sweep: paths that it varies, or columns of its table; of columns by joint a panel each.
+
+    x, y: of the axes; by: a line each; value: the colour of a heat map.
+    """
+
+    kind: Literal["lines", "heat-map", "pareto"]
+    x: str
+    y: str
+    by: str | None = None
+    value: str | None = None
+
+    @model_validator(mode="after")
+    def _fitting(self) -> "Figure":
+        if (self.value is not None) != (self.kind == "heat-map"):
+            raise ValueError(f"kind = {self.kind!r}: value, the colour, goes with a heat-map, and only with one")
+        if self.by is not None and self.kind != "lines":
+            raise ValueError(f"kind = {self.kind!r}: by goes with lines")
+        return self
+
+    @property
+    def names(self) -> list[str]:
+        """All that it names."""
+        return [name for name in (self.x, self.y, self.by, self.value) if name is not None]
+
+
 class Sweep(Part):
     """One sweep: what it varies, and how."""
 
@@ -82,6 +112,7 @@ class Sweep(Part):
     samples: Count | None = None
     fixed: Table = Field(default={}, alias="set")
     vary: Annotated[dict[str, Vary], Field(min_length=1)]
+    figure: Figure | None = None
 
     @property
     def is_random(self) -> bool:
@@ -96,6 +127,11 @@ class Sweep(Part):
             raise ValueError(f"method = {self.method!r} takes no samples: its lists say how many points there are")
         for path, values in self.vary.items():
             self._check(path, values)
+        known = [*self.vary, *FIGURES]
+        for name in [] if self.figure is None else self.figure.names:
+            if name not in known:
+                near = get_close_matches(name, known, 1, 0.3)
+                raise ValueError(f"figure: {name!r} is neither varied nor a figure of a run: did you mean {near[0]}?")
         return self
 
     def _check(self, path: str, values: Any) -> None:
@@ -202,7 +238,7 @@ def to_toml(file: SweepFile) -> str:
     for sweep in file.sweep:
         values = sweep.model_dump(mode="json", by_alias=True, exclude_none=True)
         lines += ["", "[[sweep]]", *toml_table("", {key: value for key, value in values.items() if key not in PARTS})]
-        for part in PARTS:
+        for part in (part for part in PARTS if part in values):
             lines += ["", f"[sweep.{part}]"]
             lines += [f"{toml_value(path)} = {toml_value(value)}" for path, value in values[part].items()]
     return "\n".join(lines) + "\n"

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from hil.record import parquet
-from hil.sweep.row import OF_A_JOINT, OF_A_RUN, TIP
+from hil.sweep.columns import OF_A_JOINT, OF_A_RUN, TIP
 from hil.sweep.sampling import Point
 
 TEXT, WHOLE, REAL, TRUTH = "string", "int64", "float64", "bool"

@@ -144,6 +144,10 @@ def test_every_word_length_holds_its_constants(bits):
         (["bits=8", "current_fraction=5"], r"current limit = 256 does not fit its format Q2.5 .*Q4.3 can"),
         (["bits=8", "kb_fraction=-8"], r"joint1: KB = 0 does not fit its format Q15.-8 .*Q3.4 can: set"),
         (["bits=32", "d_fraction=31"], r"d_fraction = 31 .* 63 bits, and 62 is the most: take 30 or less"),
+        (
+            ["kb_fraction=-16"],
+            r"kb_fraction = -16 with .*: KB dw would have 0 bits: take -14 or more",
+        ),
         (["bits=40"], "joint.word.bits = 40"),
         (["rounding='floor'"], "unknown key joint.word.rounding"),
     ],
