@@ -28,6 +28,7 @@ ONLY_IN = {
         "hil/bench_plot.py",
         "hil/figures.py",
         "hil/paper/plots.py",
+        "hil/quantise/rest_figure.py",
         "hil/timing/drift_figure.py",
         "hil/timing/gantt.py",
         "hil/timing/margin_figures.py",

@@ -198,7 +198,7 @@ def lines(values: Values, period_s: float) -> tuple[Values, Values]:
 # -- as JSON --
 
 
-def to_json(found: Rest, codec: Codec) -> dict[str, Any]:
+def row_of(found: Rest, codec: Codec) -> dict[str, Any]:
     """Return a joint's row, ready for JSON; spectrum: its strongest lines, [Hz, rad]."""
     form, band = WordFormat.of(found.scenario, codec), found.predicted
     strongest = np.argsort(-found.spectrum, kind="stable")[:LINES]

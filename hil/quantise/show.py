@@ -45,7 +45,7 @@ def events(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def _signals(joint: int, rows: list[dict[str, Any]]) -> Table:
-    table = _table(f"joint {joint}", ("signal", "format"), HEADS)
+    table = new_table(f"joint {joint}", ("signal", "format"), HEADS)
     for row in rows:
         counted = (str(row[key]) for key in EVENTS)
         ratios = (_decimal(row[key]) for key in ("sqnr_db", "sqnr_same_constants_db"))
@@ -63,7 +63,7 @@ def _signals(joint: int, rows: list[dict[str, Any]]) -> Table:
 
 def _closed_loop(rows: list[dict[str, Any]]) -> Table:
     heads = ("largest", "in float64", "16 bits add", "final (rms)", "in float64", "apart")
-    table = _table("closed loop: joint deviation, urad, beside joints in float64", ("joint",), heads)
+    table = new_table("closed loop: joint deviation, urad, beside joints in float64", ("joint",), heads)
     for row in rows:
         share = row["penalty"]
         figures = {key: f"{value * 1e6:.2f}" for key, value in row.items() if key.endswith("_rad")}
@@ -92,7 +92,7 @@ def _decimal(value: float | None) -> str:
     return "-" if value is None else f"{value:.1f}"
 
 
-def _table(title: str, left: tuple[str, ...], right: tuple[str, ...]) -> Table:
+def new_table(title: str, left: tuple[str, ...], right: tuple[str, ...]) -> Table:
     """Return a table that leaves 80 columns to its numbers."""
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for head in left:
