@@ -12,7 +12,14 @@ from dbc.crc import crc16
 from dbc.status import Status
 from firmware_py.dsp import kinematics, trajectory
 from firmware_py.dsp.computed_torque import ComputedTorque
-from firmware_py.dsp.control import CommandTable, PositionControl, position_control, resting_cycle
+from firmware_py.dsp.control import (
+    CommandTable,
+    JointSpace,
+    PositionControl,
+    TaskSpace,
+    position_control,
+    resting_cycle,
+)
 from firmware_py.dsp.cpu import DSP, DSPSettings
 from firmware_py.dsp.inverse_dynamics import ArmModel
 from firmware_py.free_running import FreeRunning
@@ -37,6 +44,9 @@ DSP_NUMBER = 7
 """Number of the DSP in the names of its State and Heartbeat frames; the plant's is 0, a joint's its own."""
 
 RIPPLES_A_TURN = 60
+
+NUMBA_PAYS_FROM_S = 40.0
+"""Simulated time from which machine code saves more than Numba's start costs (0.5 s and 130 MB)."""
 
 CALLS = ("on_start", "on_frame", "on_timer", "store", "report")
 """What a node answers to (hil/node.py)."""
@@ -102,14 +112,15 @@ def arm_parameters(scenario: Scenario, codec: Codec) -> ArmParameters:
 
 
 def build_plant(scenario: Scenario, codec: Codec, compiled: bool = False) -> Plant:
-    """Return the plant; compiled: as machine code where Numba is installed, and ready: for a run, not for a check."""
+    """Return the plant; compiled: ready, for a run and not for a check, and as machine code where that pays."""
     start_ns = -scenario.clock.setup_cycles * scenario.period_ns
     max_step_ns = min(scenario.period_ns, 1_000_000)
     arm = arm_parameters(scenario, codec)
     backend = scenario.plant.backend
     world = build_world(scenario) if scenario.has_world else None
+    machine = compiled and scenario.duration_s >= NUMBA_PAYS_FROM_S
     try:
-        robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=compiled, backend=backend, world=world)
+        robot = Robot(arm, scenario.start_rad, start_ns, max_step_ns, compiled=machine, backend=backend, world=world)
     except ValueError as error:
         raise ScenarioError(f"plant.backend = {backend!r}: {error}") from None
     if compiled:
@@ -201,7 +212,7 @@ def check_path(scenario: Scenario) -> None:
 
 def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
     """Return the DSP."""
-    check_path(scenario)
+    control: PositionControl = build_control(scenario)
     settings = DSPSettings(
         joints=scenario.joints,
         period_ns=scenario.period_ns,
@@ -213,16 +224,23 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         rad_per_count=constants.rad_per_count(scenario),
         counts_per_rad_s2=1.0 / codec.scale("AccelRef", "Joint1"),
     )
-    motion = build_trajectory(scenario)
+    if scenario.dsp.law == "computed-torque":
+        control = computed_torque(scenario, control)
+    return DSP(settings, control, codec, _status(scenario, codec, DSP_NUMBER))
+
+
+def build_control(scenario: Scenario) -> JointSpace | TaskSpace:
+    """Return the position controller, its commands computed; raise ScenarioError where they cannot be followed."""
+    check_path(scenario)
     if scenario.dsp.space == "task" and not scenario.in_task_space:
         raise ScenarioError(
             "dsp.space = 'task' needs a path in task space, but trajectory.kind = 'quintic' moves the joints: "
             "take trajectory.kind = 'circle', 'line' or 'path', or dsp.space = 'joint'"
         )
     gains = scenario.dsp.k1_1_s, scenario.dsp.k2_1_s2
-    control = position_control(
+    return position_control(
         scenario.dsp.space,
-        motion,
+        build_trajectory(scenario),
         scenario.in_task_space,
         scenario.start_rad,
         scenario.arm.lengths_m,
@@ -230,9 +248,6 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         scenario.cycles,
         scenario.period_ns,
     )
-    if scenario.dsp.law == "computed-torque":
-        control = computed_torque(scenario, control)
-    return DSP(settings, control, codec, _status(scenario, codec, DSP_NUMBER))
 
 
 def computed_torque(scenario: Scenario, control: PositionControl) -> ComputedTorque:

@@ -1,5 +1,5 @@
 """The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`, `hil doctor`,
-`hil timing`, `hil quantise`.
+`hil timing`, `hil quantise`, `hil sweep`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
@@ -37,6 +37,7 @@ from hil.options import (
 )
 from hil.quantise.command import quantise
 from hil.reported import reported
+from hil.sweep.command import sweep
 from hil.timing.command import timing
 
 if TYPE_CHECKING:
@@ -270,6 +271,7 @@ def node(
 app.command()(doctor)
 app.command()(timing)
 app.command()(quantise)
+app.command()(sweep)
 
 
 def _say(text: str) -> None:

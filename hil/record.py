@@ -72,15 +72,21 @@ def write_run(folder: Path, outcome: Outcome, evaluation: Evaluation | None, sum
         write_signals(folder / SIGNALS, evaluation)
 
 
-def write_signals(path: Path, evaluation: Evaluation) -> None:
-    """Write every signal as a column of float64, one row a cycle; names end in unit and joint or axis."""
+def parquet(what: str, extra: str) -> Any:
+    """Return pyarrow with its module for Parquet; raise MissingExtraError."""
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
         raise MissingExtraError(
-            "signals are written by pyarrow, which is not installed: pip install 'hil[report]'"
+            f"{what} are written by pyarrow, which is not installed: pip install 'hil[{extra}]'"
         ) from None
+    return pyarrow
+
+
+def write_signals(path: Path, evaluation: Evaluation) -> None:
+    """Write every signal as a column of float64, one row a cycle; names end in unit and joint or axis."""
+    pyarrow = parquet("signals", "report")
     pyarrow.parquet.write_table(pyarrow.table(signal_columns(evaluation)), path)
 
 
@@ -115,20 +121,29 @@ def signal_columns(evaluation: Evaluation) -> dict[str, Any]:
 
 def to_toml(scenario: Scenario) -> str:
     """Return a scenario with every value written out; reading it gives the same scenario."""
-    return "\n".join(_table("", scenario.model_dump(mode="json", exclude_none=True))).lstrip("\n") + "\n"
+    return "\n".join(toml_table("", scenario.model_dump(mode="json", exclude_none=True))).lstrip("\n") + "\n"
 
 
-def _table(path: str, values: dict[str, Any]) -> Iterator[str]:
+def toml_table(path: str, values: dict[str, Any]) -> Iterator[str]:
     """Yield the lines of a table: its own values, then the tables in it."""
     tables = {key: value for key, value in values.items() if isinstance(value, dict) or _is_tables(value)}
     for key, value in values.items():
         if key not in tables:
-            yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
+            yield f"{key} = {toml_value(value)}"
     for key, value in tables.items():
         name = f"{path}{key}"
         for each in value if isinstance(value, list) else [value] if value else []:
             yield from ("", f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
-            yield from _table(f"{name}.", each)
+            yield from toml_table(f"{name}.", each)
+
+
+def toml_value(value: Any) -> str:
+    """Return a value in one line of TOML; its strings are those of JSON, but for DEL."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{toml_value(key)} = {toml_value(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")
 
 
 def _is_tables(value: Any) -> bool:

@@ -27,21 +27,21 @@ SHORTEST_LAG_S = 1e-5
 """The plant takes steps of a quarter of the lag: below this it would hardly move."""
 
 
-def builtin_names() -> list[str]:
-    """Return the names of the built-in scenarios, in order."""
-    folder = resources.files("hil.scenarios")
+def builtin_names(kind: str = "scenario") -> list[str]:
+    """Return the names of the built-in scenarios, or sweeps, in order."""
+    folder = resources.files(f"hil.{kind}s")
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
 def load(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
     """Return the built-in scenario of that name, or that of a .toml file, with `path=value` settings applied."""
-    return build(parse(_text(name_or_path), name_or_path), settings)
+    return build(parse(read(name_or_path), name_or_path), settings)
 
 
 def build(values: dict[str, Any], settings: Sequence[str] = ()) -> Scenario:
     """Return the scenario of these values with `path=value` settings applied."""
     for setting in settings:
-        _apply(values, setting)
+        apply(values, setting)
     try:
         scenario = Scenario.model_validate(values)
     except ValidationError as error:
@@ -56,53 +56,64 @@ def parse(text: str, source: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{source}: not a TOML file: {error}") from None
+    except RecursionError:
+        raise ScenarioError(f"{source}: not a TOML file that we read: brackets in brackets without end") from None
 
 
-def _text(name_or_path: str) -> str:
-    if name_or_path in builtin_names():
-        return (resources.files("hil.scenarios") / f"{name_or_path}.toml").read_text()
+def read(name_or_path: str, kind: str = "scenario") -> str:
+    """Return the text of the built-in scenario, or sweep, of that name, or that of a .toml file."""
+    if name_or_path in builtin_names(kind):
+        return (resources.files(f"hil.{kind}s") / f"{name_or_path}.toml").read_text()
     path = Path(name_or_path)
     if path.suffix == ".toml":
         try:
             return path.read_text(encoding="utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
-            raise ScenarioError(f"scenario file {name_or_path}: {reason}") from None
+            raise ScenarioError(f"{kind} file {name_or_path}: {reason}") from None
     raise ScenarioError(
-        f"no scenario {name_or_path!r}: built in are {', '.join(builtin_names())}; a file's name ends in .toml"
+        f"no {kind} {name_or_path!r}: built in are {', '.join(builtin_names(kind))}; a file's name ends in .toml"
     )
 
 
-def _apply(values: dict[str, Any], setting: str) -> None:
-    """Set one value; what is not a TOML value is taken as a string."""
+def apply(values: dict[str, Any], setting: str) -> None:
+    """Set one value by `path=value`."""
+    asked = f"--set {setting!r}"
+    put(values, *parted(setting, asked), asked)
+
+
+def parted(setting: str, asked: str) -> tuple[str, Any]:
+    """Return path and value of `path=value`; what is not a TOML value is taken as a string."""
     path, equals, text = setting.partition("=")
     if not equals or not path:
-        raise ScenarioError(f"--set {setting!r}: write path=value, for example joint.observer=false")
+        raise ScenarioError(f"{asked}: write path=value, for example joint.observer=false")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = text
+        return path, tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return path, text
+
+
+def put(values: dict[str, Any], path: str, value: Any, asked: str) -> None:
+    """Set the value at a path; asked: who wants it, for the message of a ScenarioError."""
     *parents, key = path.split(".")
     inner: Any = values
     for parent in parents:
-        inner = _inside(inner, parent, setting)
+        inner = _inside(inner, parent, asked)
     if not isinstance(inner, dict):
-        raise ScenarioError(
-            f"--set {setting!r}: {'.'.join(parents)} is no table in this scenario: choose one of its keys"
-        )
+        raise ScenarioError(f"{asked}: {'.'.join(parents)} is no table in this scenario: choose one of its keys")
     inner[key] = value
 
 
-def _inside(values: Any, key: str, setting: str) -> Any:
+def _inside(values: Any, key: str, asked: str) -> Any:
     """Return the table or list of that key, made if it is not there; of a list, the entry of that number from 0."""
     if isinstance(values, dict):
         found = values.setdefault(key, {})
     elif key.isdecimal() and int(key) < len(values):
         found = values[int(key)]
     else:
-        raise ScenarioError(f"--set {setting!r}: entry {key} of {len(values)}: they are numbered from 0")
+        raise ScenarioError(f"{asked}: entry {key} of {len(values)}: they are numbered from 0")
     if not isinstance(found, dict | list):
-        raise ScenarioError(f"--set {setting!r}: {key} is a value, not a table, in this scenario")
+        raise ScenarioError(f"{asked}: {key} is a value, not a table, in this scenario")
     return found
 
 
@@ -113,14 +124,15 @@ def _explain(error: ValidationError) -> Iterator[str]:
     for item in error.errors(include_url=False):
         path = ".".join(str(part) for part in item["loc"] if part not in KINDS)
         if item["type"] == "extra_forbidden":
-            yield f"scenario: unknown key {path}{_suggestion(path)}"
+            yield f"scenario: unknown key {path}{suggestion(path)}"
         elif item["type"] == "missing":
             yield f"scenario: {path} is missing: set it in the file or with --set {path}=..."
         else:
             yield f"scenario: {path} = {item['input']!r}: {item['msg'].removeprefix('Value error, ')}"
 
 
-def _suggestion(path: str) -> str:
+def suggestion(path: str) -> str:
+    """Return what to try in place of a path that no scenario, or not this one, has."""
     known = list(known_paths(Scenario))
     last = path.rpartition(".")[2]
     if path in known:
@@ -131,12 +143,18 @@ def _suggestion(path: str) -> str:
 
 def known_paths(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     """Yield the path of every key of a model; of a union of models, those of each."""
+    for path, _ in known_keys(model, prefix):
+        yield path
+
+
+def known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the path and the annotation of every key of a model; of a union of models, those of each."""
     for key, field in model.model_fields.items():
         inner = _models(field.annotation)
         if not inner:
-            yield prefix + key
+            yield prefix + key, field.annotation
         for part in inner:
-            yield from known_paths(part, f"{prefix}{key}.")
+            yield from known_keys(part, f"{prefix}{key}.")
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

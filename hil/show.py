@@ -6,7 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from hil.experiment import Result
@@ -19,15 +27,31 @@ Notice = Callable[[str], None]
 @contextmanager
 def progress(title: str, quiet: bool) -> Iterator[tuple[Step, Notice]]:
     """Give (what takes the share done, what takes a notice); on stderr, and only if somebody watches."""
-    console = Console(stderr=True, markup=False, highlight=False)
-    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+    with _bar(quiet, TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn()) as (bar, notice):
         task = bar.add_task(f"{title}: starting", total=1.0)
+        yield lambda share: bar.update(task, completed=share, description=title), notice
 
-        def step(share: float) -> None:
-            bar.update(task, completed=share, description=title)
 
-        yield step, lambda text: console.print(f"hil: {text}")
+@contextmanager
+def counting(title: str, total: int, quiet: bool) -> Iterator[tuple[Callable[[int, str], None], Notice]]:
+    """Give (what takes how many are done, and what they came to; what takes a notice), as above, with the time left."""
+    with _bar(quiet, MofNCompleteColumn(), TimeRemainingColumn(elapsed_when_finished=True)) as (bar, notice):
+        task = bar.add_task(f"{title}: starting", total=total)
+
+        def step(done: int, text: str) -> None:
+            if bar.tasks[0].description.endswith("starting"):  # what was there before says nothing of the speed
+                bar.reset(task, completed=done, total=total)
+            bar.update(task, completed=done, description=f"{title}: {text}")
+
+        yield step, notice
+
+
+@contextmanager
+def _bar(quiet: bool, *columns: ProgressColumn) -> Iterator[tuple[Progress, Notice]]:
+    console = Console(stderr=True, markup=False, highlight=False)
+    every = (TextColumn("{task.description}"), BarColumn(), *columns)
+    with Progress(*every, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+        yield bar, lambda text: console.print(f"hil: {text}", soft_wrap=True)
 
 
 def result(found: Result, folder: Path | None) -> None:

@@ -3,8 +3,9 @@
 The same bits as the source run as Python: no fast-math, no contraction to fused multiply-add, and sin and cos are those
 of the C library, as Python's are. Where Python raises (sin of infinity, a division by zero), machine code goes on with
 numbers that are not finite: the source has to look for them.
-Numba keeps what it compiled beside the file its source came from. Generated source gets such a file of its own, named
-by its content, in the user's cache folder: so the seconds of compiling are spent once for each text and machine.
+Numba keeps what it compiled beside the file its source came from. Source that is generated, or linked of several
+modules, gets such a file of its own, named by its content, in the user's cache folder: so the seconds of compiling are
+spent once for each text and machine.
 """
 
 import os
@@ -13,7 +14,10 @@ from functools import cache
 from hashlib import sha256
 from math import cos, sin
 from pathlib import Path
+from types import FunctionType
 from typing import Any
+
+from plant.linked_source import linked_source
 
 Function = Callable[..., Any]
 
@@ -33,6 +37,12 @@ def machine_code(name: str, text: str, constants: Iterable[float]) -> Function |
 
 
 @cache
+def machine_code_of(function: FunctionType) -> Function | None:
+    """Return a function of plain source, and all that it calls, as machine code; None as above."""
+    return _compiled(function.__name__, linked_source(function))
+
+
+@cache
 def _compiled(name: str, text: str) -> Function | None:
     try:
         from numba import njit
@@ -42,7 +52,13 @@ def _compiled(name: str, text: str) -> Function | None:
         namespace: dict[str, Any] = {"sin": sin, "cos": cos, "__name__": __name__}
         exec(compile(text, str(path), "exec"), namespace)
         # numpy's error model: 1 / 0 is infinite, and costs no branch
-        compiled: Function = njit(cache=True, error_model="numpy")(namespace[name])
+        for used in [each for each, value in namespace.items() if isinstance(value, FunctionType)]:
+            entry = used == name
+            options: dict[str, Any] = (
+                {"cache": True} if entry else {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            )
+            namespace[used] = njit(error_model="numpy", **options)(namespace[used])
+        compiled: Function = namespace[name]
     except (ImportError, OSError, RuntimeError):  # RuntimeError is what Numba says if it cannot keep its code
         return None
     return compiled

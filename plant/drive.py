@@ -33,7 +33,10 @@ class Amplifiers:
 
     def command(self, index: int, counts: int) -> None:
         """Set the reference of joint index (from 0), limited to the largest current."""
-        asked_A = counts / self._counts_per_A
+        self.command_A(index, counts / self._counts_per_A)
+
+    def command_A(self, index: int, asked_A: float) -> None:
+        """Set a reference that is no whole count."""
         given_A = asked_A
         if not -self._limit_A <= asked_A <= self._limit_A:
             given_A = self._limit_A if asked_A > 0.0 else -self._limit_A

@@ -101,6 +101,10 @@ class Robot:
             raise TypeError(f"current of joint {joint}: {counts!r} is not a whole number of counts: pass an int")
         self._at(at_ns, self._amplifiers.command, index, counts)
 
+    def set_current_A(self, joint: int, current_A: float, at_ns: int) -> None:
+        """Set a reference that no bus has rounded to counts."""
+        self._at(at_ns, self._amplifiers.command_A, self._index(joint), current_A)
+
     def set_payload(self, mass_kg: float, at_ns: int) -> None:
         """Hold a point mass at the tip instead of the one before; it is put on moving with the hand, so speeds stay."""
         check_payload(mass_kg)

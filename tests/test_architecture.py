@@ -37,6 +37,7 @@ ONLY_IN = {
         "hil/timing/waterfall.py",
         "hil/wall_figure.py",
     },
+    "distributed": {"hil/sweep/crew.py"},
     "pyarrow": {"hil/record.py"},
     "numba": {"plant/compiled.py"},
     "pymunk": {"plant/pymunk_links.py", "plant/world.py"},

@@ -55,11 +55,14 @@ def second_order(
     k1: float,
     k2: float,
 ) -> list[float]:
+    """Return `corrected` of every coordinate."""
+    columns = zip(*command, position, velocity, strict=True)
+    return [corrected(x_cmd, v_cmd, a, x, v, k1, k2) for x_cmd, v_cmd, a, x, v in columns]
+
+
+def corrected(x_cmd: float, v_cmd: float, a: float, x: float, v: float, k1: float, k2: float) -> float:
     """Return acceleration command + K1 (velocity error) + K2 (position error), eqs. (16), (20)."""
-    return [
-        a + k1 * (v_cmd - v) + k2 * (x_cmd - x)
-        for x_cmd, v_cmd, a, x, v in zip(*command, position, velocity, strict=True)
-    ]
+    return a + k1 * (v_cmd - v) + k2 * (x_cmd - x)
 
 
 class JointSpace:
@@ -110,7 +113,7 @@ def position_control(
     gains: tuple[float, float],
     cycles: int,
     period_ns: int,
-) -> PositionControl:
+) -> JointSpace | TaskSpace:
     """Return the controller of `space` ("joint" or "task") for a trajectory given in either space."""
     if space == "task":
         return TaskSpace(CommandTable(trajectory, cycles, period_ns), start_rad, lengths_m, *gains)

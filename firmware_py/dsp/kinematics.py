@@ -1,7 +1,7 @@
 """Kinematics of the planar serial arm: tip (x, y, phi) from joint angles q, and back. Units: m, rad.
 
 q_i is relative to link i-1, theta_i = q_1 + .. + q_i from the horizontal; phi is theta_n. Task space is the square
-case, three joints.
+case, three joints. `tip`, `jacobian_rate_times_speed` and `regular_solution` are source that Numba takes, too.
 
 Ref: the paper's eqs. (10)-(15); the inverse of the two-link arm by the law of cosines (any robotics textbook).
 Not implemented: inverse kinematics of other than three joints (redundant, or fewer than the task needs).
@@ -27,11 +27,13 @@ class SingularPoint(ValueError):
 
 def tip(lengths_m: Sequence[float], q: Sequence[float]) -> Vector:
     """Return (x, y, phi), eq. (10)."""
+    if len(lengths_m) != len(q):
+        raise ValueError("tip: give one angle for each length")
     x = y = theta = 0.0
-    for length, angle in zip(lengths_m, q, strict=True):
-        theta += angle
-        x += length * cos(theta)
-        y += length * sin(theta)
+    for n in range(len(lengths_m)):
+        theta += q[n]
+        x += lengths_m[n] * cos(theta)
+        y += lengths_m[n] * sin(theta)
     return x, y, theta
 
 
@@ -48,26 +50,35 @@ def jacobian(lengths_m: Sequence[float], q: Sequence[float]) -> Matrix:
 def jacobian_rate_times_speed(lengths_m: Sequence[float], q: Sequence[float], w: Sequence[float]) -> Vector:
     """Return Jac'(q, w) w, the acceleration of the tip that the speeds alone make, eq. (12)."""
     x = y = theta = rate = 0.0
-    for length, angle, speed in zip(lengths_m, q, w, strict=True):
-        theta += angle
-        rate += speed
-        x -= length * cos(theta) * rate * rate
-        y -= length * sin(theta) * rate * rate
+    for n in range(len(lengths_m)):
+        theta += q[n]
+        rate += w[n]
+        x -= lengths_m[n] * cos(theta) * rate * rate
+        y -= lengths_m[n] * sin(theta) * rate * rate
     return x, y, 0.0
 
 
 def solve_jacobian(lengths_m: Sequence[float], q: Sequence[float], v: Sequence[float]) -> Vector:
-    """Return Jac(q)^-1 v for three joints, eqs. (14), (15), (21).
-
-    Link 3 is taken off first: the wrist moves with v - phi' x l3, and its 2 x 2 Jacobian has determinant l1 l2 sin q2.
-    Raises SingularPoint.
-    """
-    l1, l2, l3 = lengths_m
-    if abs(sin(q[1])) < SINGULAR_SIN:
+    """Return Jac(q)^-1 v for three joints, eqs. (14), (15), (21); raise SingularPoint."""
+    if is_singular(q):
         raise SingularPoint(
             f"q2 = {q[1]:.4f} rad: |sin q2| is below {SINGULAR_SIN}, where the Jacobian has no usable inverse; "
             "keep the path away from the stretched and the folded arm"
         )
+    return regular_solution(lengths_m, q, v)
+
+
+def is_singular(q: Sequence[float]) -> bool:
+    """Return whether a pose of three joints is at or near a singular one."""
+    return abs(sin(q[1])) < SINGULAR_SIN
+
+
+def regular_solution(lengths_m: Sequence[float], q: Sequence[float], v: Sequence[float]) -> Vector:
+    """Return Jac(q)^-1 v for a pose that is not singular.
+
+    Link 3 is taken off first: the wrist moves with v - phi' x l3, and its 2 x 2 Jacobian has determinant l1 l2 sin q2.
+    """
+    l1, l2, l3 = lengths_m
     t1, t2, t3 = q[0], q[0] + q[1], q[0] + q[1] + q[2]
     vx, vy = v[0] + l3 * sin(t3) * v[2], v[1] - l3 * cos(t3) * v[2]
     rate1 = (vx * cos(t2) + vy * sin(t2)) / (l1 * sin(q[1]))

@@ -48,7 +48,12 @@ def functional(scenario: Scenario) -> Scenario:
 
 def inline(scenario: Scenario) -> FunctionalRun:
     """Run a scenario inline under the rule `functional`."""
-    outcome = run_inline(functional(scenario), compiled=False)
+    return of(run_inline(functional(scenario), compiled=False))
+
+
+def of(outcome: Outcome) -> FunctionalRun:
+    """Return what a run left."""
+    scenario = outcome.scenario
     reports, joints = outcome.reports, range(1, scenario.joints + 1)
     stopped = faults(outcome)
     return FunctionalRun(
@@ -68,7 +73,7 @@ def _columns(rows: list[dict[str, int]], names: tuple[str, ...]) -> Counts:
 def _from_bus(outcome: Outcome) -> dict[str, Any]:
     """Return what AccelRef and Current frames of every cycle say; 0 where one is missing."""
     codec, joints = load_arm(), outcome.scenario.joints
-    cycles = len(outcome.reports["plant"]["rows"])
+    cycles = min(len(outcome.reports["plant"]["rows"]), outcome.scenario.cycles)  # a row more, of Stop's instant
     found = {name: np.zeros((cycles, joints), dtype=np.int64) for name in ("a_ref", "current", "estimate")}
     current = {codec[f"Current_{n}"].identifier: n - 1 for n in range(1, joints + 1)}
     references = {codec[name].identifier: m * JOINTS_A_FRAME for m, name in enumerate(ACCEL_REFS)}

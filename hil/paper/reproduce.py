@@ -1,17 +1,16 @@
 """The whole report, made: its parts measured over a pool of processes, then written as JSON, page and figures."""
 
 import json
-import multiprocessing
-import signal
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager, nullcontext
+from concurrent.futures import Executor
+from contextlib import nullcontext
 from pathlib import Path
 
 from hil.errors import ScenarioError
 from hil.paper.page import write_page
 from hil.paper.report import Folder, Section, to_json
 from hil.paper.sections import SECTIONS
+from hil.pool import pool
 from hil.record import run_folder
 
 VALUES = "paper.json"
@@ -42,19 +41,3 @@ def _measured(
     for done, name in enumerate(names):
         step(done / len(names))
         yield SECTIONS[name](executor, folder)
-
-
-@contextmanager
-def pool(jobs: int | None) -> Iterator[Executor]:
-    """Give processes for independent runs; on the way out of an error, those not begun are dropped."""
-    # spawned: a fork would take over the threads of a progress bar in the middle of what they do
-    executor = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_signals_to_the_parent)
-    try:
-        yield executor
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
-def _leave_signals_to_the_parent() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)

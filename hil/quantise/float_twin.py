@@ -47,7 +47,7 @@ class FloatLaw:
         """Return that of a parameter table: the same constants as the firmware's, rounded as they are."""
         return cls(ka * 0.5**form.ka_fraction, kb * 0.5**form.kb_places, kj * 0.5 ** form.kj_places(shift), limit)
 
-    def signals(self, count: int, count_prev: int, w_prev: int, d: float, a_ref: int) -> dict[str, tuple[float, ...]]:
+    def signals(self, count: int, count_prev: int, w_prev: int, d: float, a_ref: float) -> dict[str, tuple[float, ...]]:
         """Return every named signal of one sample; d twice: behind the speed's term, and behind the current's."""
         w = (count - count_prev + COUNTER // 2) % COUNTER - COUNTER // 2
         dw = w - w_prev
@@ -89,18 +89,20 @@ def open_loop(law: FloatLaw, samples: Raw) -> dict[str, Values]:
 class FloatStep:
     """A joint's step played by its law. A frame holds whole counts: so the current is rounded there, and only there.
 
-    roundings: what that added to each current, in counts; the law goes on with the current that it meant.
+    roundings: what that added to each current, in counts; the law goes on with the current that it meant. meant: that.
     """
 
     law: FloatLaw
     roundings: list[float] = field(default_factory=list)
+    meant: float = 0.0
 
     def __call__(
-        self, _words: object, count: int, count_prev: int, w_prev: int, d: float, a_ref: int, *_table: int
+        self, _words: object, count: int, count_prev: int, w_prev: int, d: float, a_ref: float, *_table: int
     ) -> tuple[int, float, int, int]:
         """Return (w, d, i, estimate) as the firmware's step does, d unrounded."""
         signals = self.law.signals(count, count_prev, w_prev, d, a_ref)
         (i,), (estimate,) = signals["i"], signals["estimate"]
+        self.meant = i
         self.roundings.append(round(i) - i)
         shown = max(-0x8000, min(0x7FFF, round(estimate)))
         return int(signals["w"][0]), signals["d"][-1], round(i), shown

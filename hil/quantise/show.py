@@ -14,7 +14,8 @@ EVENTS = {
 }
 HEADS = ("min", "max", "room", "sat.", "wrap", "under", "SQNR", "same", "error")
 LEGEND = (
-    "min, max, error: counts; room: bits of head-room; under: underflows. SQNR (dB)\n"
+    "min, max, error: counts; room: bits of head-room above what was measured / above\n"
+    "what no run can leave by the physical limits; under: underflows. SQNR (dB)\n"
     "and error: beside float64 with exact constants; same: with the joint's own.\n"
     "Both hear what this run's joints heard (open loop). -: no error, or no signal.\n"
     "w wraps where count did, which undoes it."
@@ -34,6 +35,11 @@ def show(console: Console, found: dict[str, Any]) -> None:
             console.print(f"in float64 the run stops itself: {compared['fault']['cause']}", soft_wrap=True)
         else:
             console.print(_closed_loop(compared["joints"]))
+            for line in database(compared["joints"]):
+                console.print(line, soft_wrap=True)
+    if (proposal := found.get("proposal")) is not None:
+        for line in proposed(proposal):
+            console.print(line, soft_wrap=True)
 
 
 def events(rows: list[dict[str, Any]]) -> Iterator[str]:
@@ -42,6 +48,39 @@ def events(rows: list[dict[str, Any]]) -> Iterator[str]:
         for key, (what, first) in EVENTS.items():
             if row[key]:
                 yield f"joint {row['joint']}: {row['name']} {what} {row[key]} x, first at {row[first]:.6f} s"
+
+
+def database(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield what the scales of the database cost the joints in float64."""
+    yield "database: what its counts add, by AccelRef and Current, to joints in float64"
+    adds = ["-" if row["database_penalty"] is None else f"{row['database_penalty']:+.1%}" for row in rows]
+    yield f"  largest deviation {', '.join(adds)}"
+    finals = ([row[f"final_deviation_{name}_rad"] for row in rows] for name in ("unrounded", "float"))
+    before, after = (_listed(each, 1e6, ".2f") for each in finals)
+    yield f"  final (rms), urad: {before} without, {after} with it"
+    apart = [row["database_largest_difference_rad"] for row in rows]
+    yield f"  apart up to, urad: {_listed(apart, 1e6, '.2f')}"
+
+
+def proposed(proposal: dict[str, Any]) -> Iterator[str]:
+    """Yield what the ranges ask for, and what a run in these formats showed."""
+    if not proposal["formats"]:
+        yield "formats: those it has; none with more bits behind the point holds its constants and ranges"
+        return
+    yield f"proposed: {' '.join(f'--set {path}={value}' for path, value in proposal['formats'].items())}"
+    joints = proposal["joints"]
+    for what, key, scale, form in (
+        ("SQNR of i, dB", "sqnr{}_db", 1.0, ".1f"),
+        ("largest deviation, urad", "max_deviation{}_rad", 1e6, ".2f"),
+    ):
+        before, after = ([row[key.format(each)] for row in joints] for each in ("", "_proposed"))
+        yield f"  {what}: {_listed(before, scale, form)} -> {_listed(after, scale, form)}"
+    verdict, less = ("proved by a run", "no") if proposal["proved"] else ("NOT proved", "some")
+    yield f"  {verdict}: {proposal['overflows']} overflows; {less} current is less exact"
+
+
+def _listed(values: list[float | None], scale: float, form: str) -> str:
+    return ", ".join("-" if value is None else format(value * scale, form) for value in values)
 
 
 def _signals(joint: int, rows: list[dict[str, Any]]) -> Table:
@@ -53,7 +92,7 @@ def _signals(joint: int, rows: list[dict[str, Any]]) -> Table:
             row["name"],
             row["q_format"],
             *(_number(row[key]) for key in ("min", "max")),
-            str(row["headroom_bits"]),
+            _room(row),
             *(("", "", "") if row["constant"] else counted),
             *ratios,
             _error(row["largest_error"]),
@@ -86,6 +125,12 @@ def _number(value: float) -> str:
 
 def _error(value: float) -> str:
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}" if value >= 1e-3 else f"{value:.1g}"
+
+
+def _room(row: dict[str, Any]) -> str:
+    """Return the head-room, measured, and derived where that is known."""
+    derived = row.get("derived_headroom_bits")
+    return f"{row['headroom_bits']}" if derived is None else f"{row['headroom_bits']}/{derived}"
 
 
 def _decimal(value: float | None) -> str:

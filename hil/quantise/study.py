@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,20 @@ from dbc.compiler import load_arm
 from firmware_py.joint_cpu import PARAMETERS_NAMES, SHIFT
 from hil.evaluate import Evaluation, evaluate
 from hil.quantise import signals
-from hil.quantise.float_twin import FloatLaw, FloatSeats, Values, open_loop
-from hil.quantise.measure import Reference, measure
-from hil.quantise.signals import AS_IT_WAS, SATURATED, UNDERFLOWED, Trace
+from hil.quantise.closed_loop import closed_loop
+from hil.quantise.derived import Interval, Limits, derived, physical_limits
+from hil.quantise.float_twin import FloatLaw, Values, open_loop
+from hil.quantise.measure import Reference, bits_used, measure
+from hil.quantise.proposal import changes, propose
+from hil.quantise.signals import AS_IT_WAS, SATURATED, UNDERFLOWED, Signal, Trace
 from hil.quantise.tap import Tap
 from hil.rig import Progress, no_progress, run_inline
 from hil.scenario import Scenario
-from hil.summary import deviations, faults
+from hil.summary import faults
 from hil.word_format import WordFormat, words_of
+
+WRAPPING = ("count", "w")
+"""The counter wraps where it must, and w with it, which undoes it."""
 
 
 @dataclass(frozen=True)
@@ -29,27 +36,87 @@ class Study:
     faults: list[dict[str, Any]]
 
 
+@dataclass(frozen=True)
+class Measured:
+    """A scenario's run: its evaluation (None if it never began), its faults, and the row of each signal."""
+
+    evaluation: Evaluation | None
+    stopped: list[dict[str, Any]]
+    rows: list[dict[str, Any]]
+    frame_log_sha256: str
+
+
 def study(scenario: Scenario, progress: Progress = no_progress) -> Study:
-    """Run a scenario as it is and with joints in float64, and compare; without the second if the first stops itself."""
-    codec, tap = load_arm(), Tap()
-    outcome = run_inline(scenario, lambda share: progress(share / 2), compiled=False, seat=tap.seat)
-    evaluation, stopped = evaluate(outcome), faults(outcome)
-    rows = [row for n in range(1, scenario.joints + 1) for row in _of_joint(scenario, n, codec, tap)]
-    compared = None
-    if evaluation is not None:
-        rows += _of_dsp(evaluation, codec, tap)
-        if not stopped:
-            compared = closed_loop(evaluation, codec, lambda share: progress((1 + share) / 2))
+    """Run a scenario as it is, with joints in float64, and in the formats that its ranges ask for, and compare.
+
+    Without the second and third if the first stops itself.
+    """
+    codec = load_arm()
+    measured = measured_run(scenario, codec, lambda share: progress(share / 3))
+    compared = proposed = None
+    if measured.evaluation is not None and not measured.stopped:
+        compared = closed_loop(measured.evaluation, codec, lambda share: progress((1 + share) / 3))
+        proposed = _proposal(scenario, codec, measured, lambda share: progress((2 + share) / 3))
     found = {
         "scenario": scenario.name,
-        "frame_log_sha256": outcome.log.sha256(),
-        "signals": sorted(rows, key=lambda row: (row["joint"], row["constant"])),
+        "frame_log_sha256": measured.frame_log_sha256,
+        "signals": measured.rows,
         "closed_loop": compared,
+        "proposal": proposed,
     }
-    return Study(found, stopped)
+    return Study(found, measured.stopped)
 
 
-def _of_joint(scenario: Scenario, joint: int, codec: Codec, tap: Tap) -> Iterator[dict[str, Any]]:
+def measured_run(scenario: Scenario, codec: Codec, progress: Progress = no_progress) -> Measured:
+    """Run a scenario, and look on."""
+    tap = Tap()
+    outcome = run_inline(scenario, progress, compiled=False, seat=tap.seat)
+    evaluation = evaluate(outcome)
+    limits = physical_limits(scenario, codec)
+    rows = [row for n in range(1, scenario.joints + 1) for row in _of_joint(scenario, n, codec, tap, limits)]
+    rows += [] if evaluation is None else _of_dsp(evaluation, codec, tap)
+    in_order = sorted(rows, key=lambda row: (row["joint"], row["constant"]))
+    return Measured(evaluation, faults(outcome), in_order, outcome.log.sha256())
+
+
+def _proposal(scenario: Scenario, codec: Codec, measured: Measured, progress: Progress) -> dict[str, Any]:
+    """Propose formats, and run in them: proved if nothing overflows and no joint's current is less exact."""
+    chosen = propose(scenario, codec, measured.rows)
+    again = measured_run(chosen, codec, progress)
+    joints = [
+        {
+            "joint": joint,
+            "sqnr_db": _of_signal(measured.rows, "i", joint)["sqnr_db"],
+            "sqnr_proposed_db": _of_signal(again.rows, "i", joint)["sqnr_db"],
+            "max_deviation_rad": _largest_deviation(measured.evaluation, joint),
+            "max_deviation_proposed_rad": _largest_deviation(again.evaluation, joint),
+        }
+        for joint in range(1, scenario.joints + 1)
+    ]
+    overflows = sum(row["saturations"] + (row["name"] not in WRAPPING) * row["wraps"] for row in again.rows)
+    return {
+        "formats": changes(scenario, chosen, codec),
+        "overflows": overflows,
+        "joints": joints,
+        "proved": not again.stopped
+        and overflows == 0
+        and all(_exactness(row["sqnr_proposed_db"]) >= _exactness(row["sqnr_db"]) for row in joints),
+    }
+
+
+def _exactness(sqnr_db: float | None) -> float:
+    return inf if sqnr_db is None else sqnr_db
+
+
+def _of_signal(rows: list[dict[str, Any]], name: str, joint: int) -> dict[str, Any]:
+    return next(row for row in rows if (row["name"], row["joint"]) == (name, joint))
+
+
+def _largest_deviation(evaluation: Evaluation | None, joint: int) -> float | None:
+    return None if evaluation is None else float(np.max(np.abs(evaluation.deviation[:, joint - 1])))
+
+
+def _of_joint(scenario: Scenario, joint: int, codec: Codec, tap: Tap, limits: Limits) -> Iterator[dict[str, Any]]:
     """Yield the row of each signal and constant of joint 1 to n; none if it never came to compute."""
     samples = tap.samples(joint)
     if not len(samples):
@@ -60,13 +127,24 @@ def _of_joint(scenario: Scenario, joint: int, codec: Codec, tap: Tap) -> Iterato
     law, same = FloatLaw.of(scenario, joint, codec), FloatLaw.of_table(form, *table)
     traces = signals.replay(samples, words_of(scenario, codec, signals.TracedWords))
     exact, with_same = open_loop(law, samples), open_loop(same, samples)
+    ranges = derived(scenario, joint, codec, limits)
     for signal in signals.step_signals(form):
         reference = Reference(exact[signal.name], with_same[signal.name])
-        yield measure(signal, joint, traces[signal.name], at_s, reference)
+        row = measure(signal, joint, traces[signal.name], at_s, reference)
+        yield row | _derived(signal, ranges.get(signal.name))
     of_law = (law.ka, same.ka), (law.kb, same.kb), (law.kj, same.kj)
     for signal, raw, values in zip(signals.constants(form, table[SHIFT]), table, of_law, strict=False):
         reference = Reference(*(np.array([value]) for value in values))
         yield measure(signal, joint, Trace.of([raw]), at_s[:1], reference)
+
+
+def _derived(signal: Signal, interval: Interval | None) -> dict[str, Any]:
+    """Return the range that no run can leave, and the head-room that is left then."""
+    if interval is None:
+        return {}
+    ends = np.array([interval.low, interval.high])
+    used = bits_used(np.rint(np.ldexp(ends, signal.fraction)).astype(np.int64), signal.signed)
+    return {"derived_min": interval.low, "derived_max": interval.high, "derived_headroom_bits": signal.bits - used}
 
 
 def _of_dsp(evaluation: Evaluation, codec: Codec, tap: Tap) -> Iterator[dict[str, Any]]:
@@ -90,38 +168,3 @@ def rounded_trace(exact: Values, rounded: Values) -> Trace:
     saturated = np.abs(exact - rounded) > 0.5
     underflowed = (exact != 0.0) & (rounded == 0.0)
     return Trace.of(rounded, np.select([saturated, underflowed], [SATURATED, UNDERFLOWED], AS_IT_WAS))
-
-
-def closed_loop(evaluation: Evaluation, codec: Codec, progress: Progress = no_progress) -> dict[str, Any]:
-    """Run a scenario with each joint in float64; return the deviations of both, and what 16 bits add to the largest.
-
-    fault: what ended the run in float64; its figures are left out then.
-    """
-    scenario = evaluation.scenario
-    seats = FloatSeats(scenario, codec)
-    outcome = run_inline(scenario, progress, compiled=False, seat=seats.seat)
-    other, stopped = evaluate(outcome), faults(outcome)
-    if other is None or stopped:
-        return {"fault": stopped[0], "joints": []}
-    difference = np.max(np.abs(evaluation.deviation - other.deviation), axis=0)
-    figures, in_float = deviations(evaluation), deviations(other)
-    largest, final = "max_deviation_rad", "final_deviation_rad"
-    rows = [
-        {
-            "joint": joint,
-            "max_deviation_rad": figures[largest][joint - 1],
-            "max_deviation_float_rad": in_float[largest][joint - 1],
-            "penalty": _penalty(figures[largest][joint - 1], in_float[largest][joint - 1]),
-            "final_deviation_rad": figures[final][joint - 1],
-            "final_deviation_float_rad": in_float[final][joint - 1],
-            "largest_difference_rad": float(difference[joint - 1]),
-            "largest_output_rounding": max(map(abs, step.roundings)),
-        }
-        for joint, step in sorted(seats.steps.items())
-    ]
-    return {"fault": None, "joints": rows}
-
-
-def _penalty(of_words: float, of_float: float) -> float | None:
-    """Return by which share of the float's a deviation is larger; None where that is nothing."""
-    return of_words / of_float - 1.0 if of_float > 0.0 else None

@@ -36,7 +36,7 @@ class Tap:
     def seat(self, kernel: Kernel, node: Node) -> None:
         """Let a node take part, and look on; raise ScenarioError for a joint whose law is not the firmware's."""
         if isinstance(node, DSP):
-            node.control = _Heard(node.control, self.accelerations)
+            node.control = Heard(node.control, self.accelerations)
         elif node.name.startswith("joint"):
             joint = with_own_step(node)
             joint.step = self._written_down(kernel, joint)
@@ -57,7 +57,7 @@ class Tap:
         return written_down
 
 
-class _Heard:
+class Heard:
     """A position controller whose answers are kept as they leave it."""
 
     def __init__(self, control: PositionControl, heard: list[tuple[int, Sequence[float]]]) -> None:

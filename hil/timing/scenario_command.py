@@ -55,7 +55,7 @@ def in_virtual_time(
     scenario: Scenario, data_bit_ns: int, errors: Errors | None, bus_only: bool, jobs: int | None, step: Progress
 ) -> Report:
     """Return what was found of a scenario on the rig's own bus; bus_only: without CPUs, timers and loops."""
-    from hil.paper.reproduce import pool
+    from hil.pool import pool
 
     found = study(scenario, data_bit_ns, errors, lambda share: step(BUS_SHARE * share))
     if bus_only or found.outcome is None or faults(found.outcome):

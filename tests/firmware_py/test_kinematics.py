@@ -45,7 +45,7 @@ def test_tip_of_any_number_of_joints(q):
 
 
 def test_one_length_for_each_angle():
-    with pytest.raises(ValueError, match="zip"):
+    with pytest.raises(ValueError, match="one angle for each length"):
         tip(LENGTHS, (0.1, 0.2))
 
 

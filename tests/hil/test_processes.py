@@ -14,7 +14,7 @@ from typing import Any
 import can
 import pytest
 
-from hil import scenario_file
+from hil import assemble, scenario_file
 from hil.errors import ChannelError, FaultError, NodeError
 from hil.frame_log import FrameLog
 from hil.processes import run_processes
@@ -70,7 +70,8 @@ def test_processes_and_inline_make_the_same_frames(fidelity: str, name: str) -> 
 
 
 @pytest.mark.parametrize("name", scenario_file.builtin_names())
-def test_numba_changes_no_frame_and_no_record(name: str) -> None:
+def test_numba_changes_no_frame_and_no_record(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(assemble, "NUMBA_PAYS_FROM_S", 0.0)
     scenario = scenario_file.load(name)
     compiled, python = (run_inline(scenario, compiled=on) for on in (True, False))
     assert compiled.log.frames == python.log.frames

@@ -112,7 +112,7 @@ def test_a_table_leaves_eighty_columns_to_its_numbers(paper):
     assert all(len(line) <= 80 and "…" not in line for line in lines)
     assert sum(line.split()[:1] == ["KB*dw"] for line in lines) == 3
     row = next(line.split() for line in lines if line.split()[:1] == ["KB*dw"])
-    assert row[:5] == ["KB*dw", "Q15.0", "-2956", "2956", "3"]
+    assert row[:5] == ["KB*dw", "Q15.0", "-2956", "2956", "3/0"]
     assert any(line.startswith("joint 1: count wrapped 2 x, first at 0.00114") for line in lines)
 
 

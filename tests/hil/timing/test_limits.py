@@ -9,8 +9,8 @@ import pytest
 
 from hil import scenario_file
 from hil.evaluate import Evaluation, evaluate
-from hil.paper.reproduce import pool
 from hil.paper.stability import failed, grows
+from hil.pool import pool
 from hil.rig import run_inline
 from hil.scenario import Scenario
 from hil.timing import limits

@@ -1,0 +1,69 @@
+"""Q formats that fit a scenario better, and the proof: the scenario run again in them.
+
+Each fraction is the largest with which the constants still fit and every signal keeps HEADROOM_BITS above what was
+measured. It is never finer than the bus's counts: nothing finer comes in, or goes out. d keeps the fraction it has.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from dbc.codec import Codec
+from hil.constants import parameter_table
+from hil.errors import ScenarioError
+from hil.scenario import Scenario
+from hil.word_format import WordFormat
+
+HEADROOM_BITS = 1
+CURRENTS = ("estimate", "i", "i-d", "d")
+ACCELERATIONS = ("a_ref",)
+FINEST_KB = 15
+
+
+def propose(scenario: Scenario, codec: Codec, rows: Sequence[dict[str, Any]]) -> Scenario:
+    """Return the scenario in the formats that its measured signals ask for. rows: of `hil.quantise.measure`."""
+    form = WordFormat.of(scenario, codec)
+    current = min(form.bus_current, form.current + _spare(rows, CURRENTS))
+    acceleration = min(form.bus_acceleration, form.acceleration + _spare(rows, ACCELERATIONS))
+    for current_fraction in range(current, -form.bits, -1):
+        for kb_fraction in range(FINEST_KB, -form.bits, -1):
+            chosen = _with(
+                scenario,
+                current_fraction=current_fraction,
+                acceleration_fraction=acceleration,
+                kb_fraction=kb_fraction,
+                d_fraction=form.d_fraction,
+            )
+            if _fits(chosen, codec):
+                return chosen
+    return scenario
+
+
+def changes(scenario: Scenario, chosen: Scenario, codec: Codec) -> dict[str, int]:
+    """Return the settings that the chosen formats differ by."""
+    before, after = (WordFormat.of(each, codec) for each in (scenario, chosen))
+    names = {"current": "current_fraction", "acceleration": "acceleration_fraction", "kb_fraction": "kb_fraction"}
+    return {
+        f"joint.word.{key}": getattr(after, name)
+        for name, key in names.items()
+        if getattr(after, name) != getattr(before, name)
+    }
+
+
+def _spare(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> int:
+    """Return how many bits all these signals could do without at the upper end."""
+    return min(int(row["headroom_bits"]) for row in rows if row["name"] in names) - HEADROOM_BITS
+
+
+def _with(scenario: Scenario, **word: Any) -> Scenario:
+    """Return the scenario with other formats of its words."""
+    joint = scenario.joint.model_copy(update={"word": scenario.joint.word.model_copy(update=word)})
+    return scenario.model_copy(update={"joint": joint})
+
+
+def _fits(scenario: Scenario, codec: Codec) -> bool:
+    try:
+        for joint in range(1, scenario.joints + 1):
+            parameter_table(scenario, joint, codec)
+    except ScenarioError:
+        return False
+    return True

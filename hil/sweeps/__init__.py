@@ -1,0 +1,1 @@
+"""The built-in sweeps, one TOML file each."""
