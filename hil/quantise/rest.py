@@ -23,15 +23,16 @@ import numpy.typing as npt
 from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil.constants import rad_per_count
-from hil.engine.functional_run import FunctionalRun, inline
+from hil.engine.fast import quickest
+from hil.engine.functional_run import FunctionalRun
 from hil.errors import ScenarioError
 from hil.quantise.dead_band import DeadBand, dead_band
 from hil.scenario import QuinticMove, Scenario, Torque, Wire
 from hil.word_format import WordFormat
 
 Values = npt.NDArray[np.float64]
-Runner = Callable[[Scenario], FunctionalRun]
-"""Runs a scenario under the rule `functional`."""
+Runner = Callable[[Scenario], tuple[FunctionalRun, str]]
+"""Runs a scenario under the rule `functional`; says why it was not fast, "" if it was."""
 
 SETTLES, ALONE, PUSHED = (10, 20, 40, 80, 160), 22, 44
 """Time constants: until a run counts, as it needs; left alone; one period of the torque."""
@@ -76,7 +77,7 @@ class Timed:
 @dataclass(frozen=True)
 class Rest:
     """What one joint did. amplitude: peak to peak, left alone; mean: angle minus command then; edges: the mean where it
-    was pushed down and up; spectrum: amplitudes of the lines at frequencies.
+    was pushed down and up; spectrum: amplitudes of the lines at frequencies. slow: why the run was not fast.
     """
 
     joint: int
@@ -88,6 +89,7 @@ class Rest:
     edges: tuple[float, float]
     frequencies: Values
     spectrum: Values
+    slow: str
 
     @property
     def ratio(self) -> float:
@@ -101,7 +103,7 @@ class Rest:
         return float(1.0 / self.frequencies[strongest]) if self.spectrum[strongest] > 0.0 else None
 
 
-def rest(scenario: Scenario, run: Runner = inline) -> list[Rest]:
+def rest(scenario: Scenario, run: Runner = quickest) -> list[Rest]:
     """Return what every joint of a scenario does at rest; raise ScenarioError where it never comes to rest.
 
     What has not settled when it should be alone is run again, and given twice the time.
@@ -110,13 +112,13 @@ def rest(scenario: Scenario, run: Runner = inline) -> list[Rest]:
     bands = [dead_band(scenario, joint, codec) for joint in range(1, scenario.joints + 1)]
     for settles in SETTLES:
         timed = Timed.of(scenario, settles)
-        ran = run(experiment(scenario, bands, timed, codec))
+        ran, slow = run(experiment(scenario, bands, timed, codec))
         if ran.stopped:
             raise ScenarioError(f"{scenario.name} at rest, without friction, stops itself: {ran.stopped}")
         deviations = (ran.q - np.array(scenario.start_rad)).T
         of_joints = list(zip(range(1, scenario.joints + 1), bands, deviations, strict=True))
         if all(_settled(deviation[timed.alone], band) for _, band, deviation in of_joints):
-            return [_of_joint(scenario, joint, band, deviation, timed) for joint, band, deviation in of_joints]
+            return [_of_joint(scenario, *each, timed, slow) for each in of_joints]
     raise ScenarioError(
         f"{scenario.name} at rest, without friction, has not settled after {timed.alone.start} periods of "
         f"clock.period_s = {scenario.clock.period_s:g}: raise joint.g_rad_s or dsp.k1_1_s"
@@ -124,9 +126,14 @@ def rest(scenario: Scenario, run: Runner = inline) -> list[Rest]:
 
 
 def _settled(alone: Values, band: DeadBand) -> bool:
-    """Return whether the second half of a record is no quieter than the first, but for what a limit cycle varies."""
-    before, after = (float(np.ptp(half)) for half in np.array_split(alone, 2))
-    return before <= max(2.0 * after, band.range)
+    """Return whether a record is within its prediction, or its second half is neither quieter nor elsewhere.
+
+    Halves of a limit cycle differ, too: by less than half of one, and a quarter of its range.
+    """
+    whole = float(np.ptp(alone))
+    before, after = np.array_split(alone, 2)
+    elsewhere = abs(float(np.mean(before) - np.mean(after))) > 0.25 * whole
+    return whole <= band.range or (float(np.ptp(before)) <= 1.5 * float(np.ptp(after)) and not elsewhere)
 
 
 def experiment(scenario: Scenario, bands: list[DeadBand], timed: Timed, codec: Codec) -> Scenario:
@@ -171,7 +178,7 @@ def _push(scenario: Scenario, joint: int, band: DeadBand, timed: Timed, codec: C
     )
 
 
-def _of_joint(scenario: Scenario, joint: int, band: DeadBand, deviation: Values, timed: Timed) -> Rest:
+def _of_joint(scenario: Scenario, joint: int, band: DeadBand, deviation: Values, timed: Timed, slow: str) -> Rest:
     alone, down, up = (deviation[rows] for rows in (timed.alone, timed.down, timed.up))
     frequencies, spectrum = lines(alone, scenario.clock.period_s)
     return Rest(
@@ -184,6 +191,7 @@ def _of_joint(scenario: Scenario, joint: int, band: DeadBand, deviation: Values,
         edges=(float(np.mean(down)), float(np.mean(up))),
         frequencies=frequencies,
         spectrum=spectrum,
+        slow=slow,
     )
 
 

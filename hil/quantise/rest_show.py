@@ -12,11 +12,11 @@ SHOWN_D_FRACTIONS = (0, 1)
 """The rest is in JSON and in the figure: it hardly differs from the scenario as it is."""
 SHORT = {"d_fraction": "d", "current_fraction": "i", "acceleration_fraction": "a_ref"}
 LEGEND = (
-    "Without friction, urad. d, i, a_ref, count: the errors that each resolution alone\n"
-    "leaves standing; range: of the angles that all of them and the encoder's limit\n"
-    "cycle leave, and as measured while a slow torque goes down and up; cycle: peak to\n"
-    "peak where nothing pushes, and its frequency. Formats: bits behind the point;\n"
-    "fine: in front of an encoder whose count is too small to matter."
+    "Without friction, urad. d, i, a_ref, count: the errors that each resolution\n"
+    "alone leaves standing; range: of the angles that all of them and the encoder's\n"
+    "limit cycle leave, and as measured while a slow torque goes down and up; cycle:\n"
+    "peak to peak where nothing pushes, and its frequency. Formats: bits behind the\n"
+    "point; fine: in front of an encoder whose count is too small to matter."
 )
 Row = dict[str, Any]
 
@@ -29,6 +29,8 @@ def show_rest(console: Console, found: Row) -> None:
     console.print(LEGEND, soft_wrap=True)
     for line in summary(rows):
         console.print(line, soft_wrap=True)
+    if found["rest_not_fast"] is not None:
+        console.print(f"not fast: {found['rest_not_fast']}", soft_wrap=True)
     for refused in found["rest_refused"]:
         console.print(f"not at rest: {refused['swept']}: {refused['cause']}", soft_wrap=True)
 
@@ -39,15 +41,9 @@ def summary(rows: Sequence[Row]) -> Iterator[str]:
         own = [row for row in rows if row["joint"] == joint]
         fine = [row for row in own if row["finer_encoder"] and row["swept"] == "d_fraction"]
         by_d = [row["d_fraction"] for row in fine if row["dominant"] == "d"]
-        finest = f"; with a finer encoder by the {fine[-1]['dominant']}" if fine else ""
-        of_d = (
-            f", by d with {max(by_d)} bits behind the point" + (" or less" if max(by_d) else "")
-            if by_d
-            else ", never by d"
-            if fine
-            else ""
-        )
-        yield f"joint {joint}: dominated by the {own[0]['dominant']}{finest}{of_d}"
+        finer = f"; with the finer encoder by the {fine[-1]['dominant']}" if fine else ""
+        of_d = f", by d at {max(by_d)} bits" if by_d else ""
+        yield f"joint {joint}: dominated by the {own[0]['dominant']}{finer}{of_d}"
     ratios = [row["ratio"] for row in rows]
     yield f"measured over predicted: {min(ratios):.2f} to {max(ratios):.2f} in {len(ratios)} cases"
 
