@@ -17,7 +17,7 @@ from hil.errors import ScenarioError
 from hil.quantise import rest_cases
 from hil.quantise.rest import Timed, experiment, lines, rest, row_of
 from hil.quantise.rest_figure import write_rest
-from hil.quantise.rest_show import show_rest
+from hil.quantise.rest_show import show_rest, summary
 from hil.scenario_file import check
 
 CODEC = load_arm()
@@ -169,7 +169,7 @@ def test_what_has_not_settled_is_given_more_time():
     assert lengths == sorted(lengths)
     assert found.amplitude < found.predicted.range
     with pytest.raises(ScenarioError, match="has not settled after 7200 periods"):
-        rest(scenario_file.load("one-joint", ()), lambda scenario: synthetic(scenario, lambda t: np.exp(-t)))
+        rest(scenario_file.load("one-joint", ()), lambda scenario: synthetic(scenario, lambda t: 1e-3 * (20.0 - t)))
 
 
 def test_a_run_that_stops_itself_and_a_loop_that_is_too_slow_are_refused():
@@ -246,3 +246,22 @@ def test_a_case_that_cannot_be_is_named_and_the_rest_is_shown(monkeypatch, tmp_p
     png, svg = write_rest(tmp_path, found)
     assert png.read_bytes().startswith(b"\x89PNG")
     assert "dominated by the encoder" in svg.read_text()
+
+
+def test_the_summary_says_up_to_which_bits_of_d_its_resolution_dominates():
+    def row(swept, bits, dominant, ratio):
+        fine = swept != rest_cases.AS_IT_IS
+        return {
+            "joint": 1,
+            "swept": swept,
+            "finer_encoder": fine,
+            "d_fraction": bits,
+            "dominant": dominant,
+            "ratio": ratio,
+        }
+
+    bits_of_d = [row("d_fraction", bits, "d" if bits < 3 else "current", 1.0 + bits / 10) for bits in range(5)]
+    assert list(summary([row(rest_cases.AS_IT_IS, 16, "encoder", 0.8), *bits_of_d])) == [
+        "joint 1: dominated by the encoder; with the finer encoder by the current, by d at 2 bits",
+        "measured over predicted: 0.80 to 1.40 in 6 cases",
+    ]
