@@ -4,6 +4,7 @@ Supported: classic CAN, 11-bit identifiers, little-endian integers of 8, 16 or 3
 gaps, no offset. This is the only module that imports cantools, which takes some 15 us to encode one frame.
 """
 
+from functools import cache
 from importlib.resources import as_file, files
 from math import isfinite
 from pathlib import Path
@@ -29,8 +30,9 @@ BY_EVENT = ("event", "spontan", "trigger")
 """In the name of a GenMsgSendType: it comes by event, perhaps beside its cycle."""
 
 
+@cache
 def load_arm() -> Codec:
-    """Return the codec of the shipped arm.dbc."""
+    """Return the codec of the shipped arm.dbc: one for the whole process, read once."""
     with as_file(files("dbc") / "arm.dbc") as path:
         return compile_dbc(path)
 

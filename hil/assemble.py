@@ -26,6 +26,7 @@ from firmware_py.free_running import FreeRunning
 from firmware_py.joint_cpu import JointCPU
 from hil import constants
 from hil.errors import ScenarioError, failed
+from hil.exact_constants import rad_per_count, reference_of
 from hil.node import Node
 from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario
 from hil.scenario_parts import to_ns
@@ -221,7 +222,7 @@ def build_dsp(scenario: Scenario, codec: Codec) -> DSP:
         compute_ns=to_ns(scenario.dsp.compute_s),
         tables=tuple(constants.parameter_table(scenario, n, codec) for n in range(1, scenario.joints + 1)),
         zero_rad=scenario.start_rad,
-        rad_per_count=constants.rad_per_count(scenario),
+        rad_per_count=rad_per_count(scenario),
         counts_per_rad_s2=1.0 / codec.scale("AccelRef", "Joint1"),
     )
     if scenario.dsp.law == "computed-torque":
@@ -278,7 +279,7 @@ def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
     cpu = _cpu_class(scenario.cpu(number), number)
     words = words_of(scenario, codec)
     status = _status(scenario, codec, number)
-    reference = constants.reference_of(number)
+    reference = reference_of(number)
     times_ns = scenario.period_ns, scenario.compute_ns(number)
     if (error_ppb := scenario.crystal_ppb(number)) is not None:
         phase_ns = to_ns(scenario.of_joint(number, "crystal_phase_s"))

@@ -5,6 +5,8 @@ Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the e
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
 """
 
+import atexit
+import gc
 import json
 import os
 import sys
@@ -292,6 +294,7 @@ def main() -> None:
     """Be the command `hil`; output that nobody can take is an error of its own."""
     if sys.argv[1:2] in (["run"], ["bus"], ["node"]):
         restart_at_fixed_addresses()
+    atexit.register(gc.freeze)  # or the interpreter searches all that is imported for garbage before it ends
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (for the whole process)
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115 (as above)
     try:

@@ -86,7 +86,7 @@ def save(figure: "Figure", stem: Path, title: str) -> list[Path]:
     """Write a figure as PNG (150 dpi) and SVG, the same bytes from the same values; return their paths."""
     paths = [stem.with_name(stem.name + suffix) for suffix in (".png", ".svg")]
     figure.savefig(paths[0], dpi=150, metadata={"Title": title})
-    figure.set_layout_engine("none")  # laid out once for both
+    figure.set_layout_engine(None)  # laid out once for both
     figure.savefig(paths[1], metadata={"Title": title, "Date": None})
     return paths
 

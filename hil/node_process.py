@@ -3,6 +3,7 @@
 What the rig starts; `hil node` does the same by hand. Kept apart from the command line so that a node starts quickly.
 """
 
+import gc
 import json
 import os
 import re
@@ -79,6 +80,7 @@ def main() -> int:
 def be_child(name: str, play: Callable[[], dict[str, Any]], report_path: Path) -> int:
     """Play a node and leave its report; return the exit code, having said on stderr what went wrong."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    gc.freeze()  # what is imported is no garbage: neither the run nor the process's end need search it
     try:
         report = play()
     except HilError as error:

@@ -6,6 +6,7 @@ protocol ends the run with its name; whatever happens, no process is left behind
 itself.
 """
 
+import gc
 import json
 import os
 import signal
@@ -91,12 +92,14 @@ def _run(
     reason = "the rig gave up"
     try:
         _gather(server, nodes)
+        gc.freeze()  # as in the nodes: what is there is no garbage
         with nodes.named(), one_cpu([0, *nodes.pids()]):
             server.start()
             wall_s, setup_wall_s, bits = carry_through(scenario, kernel, server.run, progress, began)
         wire = wire_counts(kernel, scenario.node_names)
         reason = RUN_IS_OVER
     finally:
+        gc.unfreeze()
         server.end(reason)
     reports = nodes.reports()
     return Outcome(

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from dbc.compiler import arm_dbc
-from hil.constants import rad_per_count
 from hil.errors import MissingExtraError, OutputError
 from hil.evaluate import Evaluation
+from hil.exact_constants import rad_per_count
 from hil.rig import Outcome
 from hil.scenario import Scenario
 

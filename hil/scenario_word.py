@@ -19,8 +19,9 @@ class Word(Part):
     bits: Annotated[int, Field(ge=8, le=32)] = 16
     d_fraction: Annotated[int, Field(ge=0, le=54)] | None = None
     """Bits of d behind a current count; default: as many as the word has, at most 62 - bits."""
-    kb_fraction: Fraction | None = None
-    """Bits of KB behind a current count per count and sample; default: 0, and 16 - bits in longer words."""
+    kb_fraction: Fraction | Literal["fit"] | None = None
+    """Bits of KB behind a current count per count and sample; fit: as many as all joints' KB leave; default: 0, and
+    16 - bits in longer words."""
     current_fraction: Fraction | None = None
     """Bits behind the ampere; default: bits - 5, for a full scale of 16 A."""
     acceleration_fraction: Fraction | None = None

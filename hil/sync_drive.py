@@ -13,7 +13,7 @@ the plant at Sync k+1 for all Currents k and AccelRef k, a joint at Encoder k fo
 from collections.abc import Iterable
 
 from dbc.codec import Codec
-from hil.constants import reference_of
+from hil.exact_constants import reference_of
 from hil.node import Node, Reaction
 from hil.scenario import Scenario
 

@@ -11,10 +11,12 @@ from dbc.codec import Codec
 from firmware_py.joint_cpu import SIGNALS
 from firmware_py.words import ROUNDINGS, Words
 from hil.errors import ScenarioError
+from hil.exact_constants import exact_constants
 from hil.scenario import Scenario
 
 BUS_BITS = 16
 """Of a constant in a Parameter frame, of a counter in an Encoder frame."""
+LARGEST_KB_FRACTION = 15
 MOST_BITS = 62
 """Of d: every sum fits 64 bits then, which is what the fast engine has."""
 
@@ -39,6 +41,7 @@ class WordFormat:
         """Return the formats of a scenario's joints; raise ScenarioError where d gets too long."""
         word = scenario.joint.word
         bits = word.bits
+        current = bits - 5 if word.current_fraction is None else word.current_fraction
         d_fraction = min(bits, MOST_BITS - bits) if word.d_fraction is None else word.d_fraction
         if bits + d_fraction > MOST_BITS:
             raise ScenarioError(
@@ -49,8 +52,8 @@ class WordFormat:
             bits=bits,
             d_fraction=d_fraction,
             ka_fraction=min(bits, BUS_BITS) - 1,
-            kb_fraction=min(0, BUS_BITS - bits) if word.kb_fraction is None else word.kb_fraction,
-            current=bits - 5 if word.current_fraction is None else word.current_fraction,
+            kb_fraction=_kb_fraction(scenario, codec, current),
+            current=current,
             acceleration=bits - 9 if word.acceleration_fraction is None else word.acceleration_fraction,
             bus_current=_fraction(codec.scale("Current_1", "Reference")),
             bus_acceleration=_fraction(codec.scale("AccelRef", "Joint1")),
@@ -86,9 +89,32 @@ class WordFormat:
         return (1 << (self.constant_bits - 1)) - 1
 
 
+def with_word(scenario: Scenario, **formats: Any) -> Scenario:
+    """Return the scenario with these formats of its words."""
+    joint = scenario.joint.model_copy(update={"word": scenario.joint.word.model_copy(update=formats)})
+    return scenario.model_copy(update={"joint": joint})
+
+
 def _fraction(scale: float) -> int:
     """Return the bits behind the point of counts of that scale, a power of two."""
     return -round(log2(scale))
+
+
+def _kb_fraction(scenario: Scenario, codec: Codec, current: int) -> int:
+    """Return KB's bits behind the point; to fit: the most with which that of no joint leaves its word."""
+    word = scenario.joint.word
+    if word.kb_fraction is None:
+        return min(0, BUS_BITS - word.bits)
+    if word.kb_fraction != "fit":
+        return word.kb_fraction
+    largest = max(exact_constants(scenario, joint, codec)[1] for joint in range(1, scenario.joints + 1))
+    own = largest * 2.0 ** (current - _fraction(codec.scale("Current_1", "Reference")))
+    return max(-BUS_BITS, min(LARGEST_KB_FRACTION, _most(own, min(word.bits, BUS_BITS))))
+
+
+def _most(exact: float, bits: int) -> int:
+    """Return the most bits behind the point that leave a constant in its word."""
+    return floor(log2(((1 << (bits - 1)) - 0.5) / exact))
 
 
 def q_format(bits: int, fraction: int) -> str:
@@ -104,7 +130,7 @@ def raw(what: str, exact: float, fraction: int, bits: int, cure: str, setting: s
     value, largest = round(exact * 2.0**fraction), (1 << (bits - 1)) - 1
     if 0 < value <= largest:
         return value
-    can = floor(log2((largest + 0.5) / exact))
+    can = _most(exact, bits)
     other = f"{q_format(bits, can)} can: set {setting} = {can}{' or below' if value else ''}, or " if setting else ""
     raise ScenarioError(
         f"{what} = {value} does not fit its format {q_format(bits, fraction)} (1 to {largest}): {other}{cure}"

@@ -147,32 +147,34 @@ def _set_bias(arm: FlatArm, q: Floats, w: Floats) -> None:
 
 def _solve(arm: FlatArm, w: Floats, x: Floats) -> None:
     """Set x so that M x = f - D w - b over the free joints alone, by L D L^T."""
-    n = arm.joints
-    free, upper, lower, right = arm.modes, arm.upper, arm.lower, arm.right
-    for k in range(n):
+    for k in range(arm.joints):
         x[k] = 0.0
-        if free[k] == 0:
+        if arm.modes[k] != 0:
+            arm.right[k] = arm.driving[k] - arm.viscosity[k] * w[k] - arm.bias[k]
+            _eliminate(arm, k)
+    for k in range(arm.joints - 1, -1, -1):
+        if arm.modes[k] == 0:
             continue
-        y = arm.driving[k] - arm.viscosity[k] * w[k] - arm.bias[k]
-        for p in range(k):
-            if free[p] != 0:
-                y -= lower[k, p] * right[p]
-        right[k] = y
-        for m in range(k, n):
-            u = arm.inertia[k, k] + arm.rotor[k] if m == k else arm.inertia[k, m]
-            for p in range(k):
-                if free[p] != 0:
-                    u -= lower[k, p] * upper[p, m]
-            upper[k, m] = u
-            lower[m, k] = u / upper[k, k]
-    for k in range(n - 1, -1, -1):
-        if free[k] == 0:
-            continue
-        value = right[k] / upper[k, k]
-        for m in range(k + 1, n):
-            if free[m] != 0:
-                value -= lower[m, k] * x[m]
+        value = arm.right[k] / arm.upper[k, k]
+        for m in range(k + 1, arm.joints):
+            if arm.modes[m] != 0:
+                value -= arm.lower[m, k] * x[m]
         x[k] = value
+
+
+def _eliminate(arm: FlatArm, k: int) -> None:
+    """Take the free joints before joint k out of its row, and of its right side."""
+    upper, lower = arm.upper, arm.lower
+    for p in range(k):
+        if arm.modes[p] != 0:
+            arm.right[k] -= lower[k, p] * arm.right[p]
+    for m in range(k, arm.joints):
+        u = arm.inertia[k, k] + arm.rotor[k] if m == k else arm.inertia[k, m]
+        for p in range(k):
+            if arm.modes[p] != 0:
+                u -= lower[k, p] * upper[p, m]
+        upper[k, m] = u
+        lower[m, k] = u / upper[k, k]
 
 
 def balance(arm: FlatArm, q: Floats, w: Floats, current: Floats, result: Floats) -> None:
@@ -186,13 +188,19 @@ def balance(arm: FlatArm, q: Floats, w: Floats, current: Floats, result: Floats)
         for j in range(arm.joints):
             if arm.modes[j] != 0:
                 needed += arm.inertia[min(i, j), max(i, j)] * result[j]
-        arm.held[i] = arm.driving[i] - (needed + arm.viscosity[i] * w[i] + arm.bias[i])
+        arm.held[i] = arm.driving[i] - (needed + arm.bias[i])
+
+
+def copy(source: Floats, target: Floats) -> None:
+    """Set target to source: a slice would do, and take Numba most of a second each to compile."""
+    for j in range(len(target)):
+        target[j] = source[j]
 
 
 def current_after(arm: FlatArm, span_s: float, result: Floats) -> None:
     """Set result to the currents after span_s."""
     if arm.lag_s == 0.0:
-        result[:] = arm.current
+        copy(arm.current, result)
         return
     left = exp(-span_s / arm.lag_s)
     for j in range(arm.joints):
@@ -204,7 +212,8 @@ def runge_kutta_step(arm: FlatArm, h: float) -> bool:
     n = arm.joints
     half, sixth = 0.5 * h, h / 6.0
     q, w, a = arm.q_then, arm.w_then, arm.slopes
-    q[:], w[:] = arm.q, arm.w
+    copy(arm.q, q)
+    copy(arm.w, w)
     accelerate(arm, q, w, arm.current, a[0])
     current_after(arm, half, arm.current_then)
     for stage in range(1, 4):

@@ -7,7 +7,7 @@ those of `friction`, its instants those of `bracket`. Units: SI. Ref: eq. (1), c
 from math import copysign, inf
 
 from plant.bracket import begin, goes_on, guess, narrowed
-from plant.flat_dynamics import FlatArm, balance, current_after, runge_kutta_step
+from plant.flat_dynamics import FlatArm, balance, copy, current_after, runge_kutta_step
 from plant.friction import BREAKAWAY_SLACK
 from plant.stick_slip import MOST_PARTS, SHORTEST_PART
 
@@ -113,8 +113,8 @@ def _advance_part(arm: FlatArm, longest_s: float, shortest_s: float) -> float:
 def _take_step(arm: FlatArm, span_s: float) -> None:
     """Go where the last step led; a joint that rubs and would turn the other way stops."""
     current_after(arm, span_s, arm.current_then)
-    arm.current[:] = arm.current_then
-    arm.q[:] = arm.q_then
+    copy(arm.current_then, arm.current)
+    copy(arm.q_then, arm.q)
     for j in range(arm.joints):
         goes_on = arm.limit[j] == 0.0 or arm.modes[j] * arm.w_then[j] > 0.0
         arm.w[j] = arm.w_then[j] if goes_on else 0.0

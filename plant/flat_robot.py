@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.flat_dynamics import FlatArm, Floats, Ints, couplings, flat_arm
+from plant.flat_dynamics import FlatArm, Floats, Ints, copy, couplings, flat_arm
 from plant.flat_motion import advance
 from plant.parameters import MAX_JOINTS, ArmParameters, Vector
 
@@ -104,7 +104,7 @@ def position_counts(robot: FlatRobot, j: int) -> int:
 
 def release_brakes(robot: FlatRobot, coulomb_Nm: Floats) -> None:
     """Leave only the joints' own friction."""
-    robot.arm.limit[:] = coulomb_Nm
+    copy(coulomb_Nm, robot.arm.limit)
 
 
 def _next_ns(robot: FlatRobot, cycles: int) -> int:
@@ -130,8 +130,9 @@ def _act(robot: FlatRobot, now_ns: int, cycles: int) -> bool:
             state.next_current[j] += 1
             acted = True
     while state.next_payload < len(robot.payload_ns) and robot.payload_ns[state.next_payload] == now_ns:
-        robot.arm.coupling[:] = robot.couplings[state.next_payload]
-        robot.arm.moment[:] = robot.moments[state.next_payload]
+        copy(robot.moments[state.next_payload], robot.arm.moment)
+        for i in range(robot.arm.joints):
+            copy(robot.couplings[state.next_payload, i], robot.arm.coupling[i])
         state.next_payload += 1
         acted = True
     while state.next_torque < len(robot.torque_ns) and robot.torque_ns[state.next_torque] == now_ns:

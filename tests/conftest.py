@@ -1,20 +1,36 @@
-"""What all tests share: channels of their own, short scenarios, and no process left behind."""
+"""What all tests share: channels of their own, short scenarios, coverage where it counts, no process left behind."""
 
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from coverage import Coverage
 
 from hil import scenario_file
 from hil.scenario import Scenario
 from hil.wire import channel as channels
 
 SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
+COVERING = {"dbc", "firmware_py", "plant"}
+"""Folders of the tests that cover the packages of the same names."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Cover a package by its own tests alone: traced, a run of the whole rig takes 1.7 times as long."""
+    coverage = Coverage.current()
+    if coverage is None or COVERING & set(item.nodeid.split("/")):
+        return (yield)
+    coverage.stop()
+    try:
+        return (yield)
+    finally:
+        coverage.start()
 
 
 @pytest.fixture(autouse=True)

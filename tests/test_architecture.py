@@ -29,6 +29,7 @@ ONLY_IN = {
         "hil/figures.py",
         "hil/paper/plots.py",
         "hil/quantise/rest_figure.py",
+        "hil/quantise/words_figure.py",
         "hil/timing/drift_figure.py",
         "hil/timing/gantt.py",
         "hil/timing/margin_figures.py",

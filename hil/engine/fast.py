@@ -1,4 +1,4 @@
-"""The fast engine: a run under the rule `functional` as machine code, bit for bit and integer for integer the inline run.
+"""The fast engine: a run under the rule `functional` as machine code, to the bits and integers of the inline run.
 
 What it does not cover it refuses, with the reason: `quickest` then runs inline.
 """
@@ -16,6 +16,7 @@ from hil.assemble import arm_parameters, build_control, dead_time, external_torq
 from hil.engine import loop as engine
 from hil.engine.flat_dsp import FlatDsp, flat_dsp
 from hil.engine.functional_run import FunctionalRun, functional, inline
+from hil.exact_constants import rad_per_count
 from hil.scenario import Arm, Clock, Dsp, Scenario
 from hil.word_format import words_of
 from plant.compiled import machine_code_of
@@ -157,7 +158,7 @@ def _torque_changes(torques: tuple[ExternalTorque, ...], end_ns: int) -> list[tu
 def _dsp(scenario: Scenario, codec: Codec) -> FlatDsp:
     control, position, acceleration = _commands(_path_alone(scenario))
     gains = scenario.dsp.k1_1_s, scenario.dsp.k2_1_s2
-    scales = constants.rad_per_count(scenario), 1.0 / codec.scale("AccelRef", "Joint1")
+    scales = rad_per_count(scenario), 1.0 / codec.scale("AccelRef", "Joint1")
     return flat_dsp(control, position, acceleration, scenario.start_rad, gains, scales)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from firmware_py.dsp.control import JointSpace, TaskSpace, corrected
 from firmware_py.dsp.kinematics import is_singular, jacobian_rate_times_speed, regular_solution, tip
-from plant.flat_dynamics import Floats, Ints
+from plant.flat_dynamics import Floats, Ints, copy
 from plant.parameters import MAX_JOINTS
 
 LARGEST = 1e18
@@ -106,7 +106,7 @@ def _in_joint_space(dsp: FlatDsp, cycle: int) -> bool:
     for j in range(state.joints):
         w = (state.q[j] - state.q_before[j]) / state.period_s
         fits = _refer(dsp, j, _commanded(dsp, cycle, j, state.q[j], w)) and fits
-    state.q_before[:] = state.q
+    copy(state.q, state.q_before)
     return fits
 
 
@@ -123,7 +123,7 @@ def _in_task_space(dsp: FlatDsp, cycle: int) -> bool:
         _carried(dsp, cycle, 1, y) - bias[1],
         _carried(dsp, cycle, 2, phi) - bias[2],
     )
-    state.q_before[:] = state.q
+    copy(state.q, state.q_before)
     if is_singular(q):
         return False
     a = regular_solution(lengths_m, q, wanted)

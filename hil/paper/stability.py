@@ -8,8 +8,8 @@ import numpy as np
 
 from dbc.compiler import load_arm
 from hil.assemble import arm_parameters, joint_trajectory
-from hil.constants import rad_per_count
 from hil.evaluate import Evaluation, evaluate
+from hil.exact_constants import rad_per_count
 from hil.paper.sampled_loop import Array, spectral_radius
 from hil.rig import Outcome, run_inline
 from hil.scenario import Scenario

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from hil.scenario import Scenario
 
 QUANTISATION = "quantisation.json"
-STUDY_SHARE = 0.3
-"""Of the time, where the arm is brought to rest, too."""
 
 
 @reported
@@ -26,6 +24,9 @@ def quantise(
     scenario: ScenarioName = "paper-joint",
     settings: Settings = [],  # noqa: B006 (typer reads the default, nobody writes it)
     out: Annotated[Path | None, typer.Option(help="Folder for the results.")] = None,
+    words: Annotated[
+        bool, typer.Option("--words", help="Try words of 8 to 32 bits, and tell where the knee is.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
     rest: Annotated[bool, typer.Option("--rest", help="At rest, too: limit cycles and dead bands, by format.")] = False,
 ) -> None:
@@ -36,16 +37,22 @@ def quantise(
     from hil.quantise import rest_cases, rest_show
     from hil.quantise import show as tables
     from hil.quantise.study import study
+    from hil.quantise.word_length import word_lengths
+    from hil.quantise.words_show import show_words
 
     chosen = scenario_file.load(scenario, with_clock(settings, "virtual"))
     if out is not None:
         new_folder(out, as_json, chosen.name)
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, _notice):
-        result = study(chosen, lambda share: step(share * STUDY_SHARE) if rest else step(share))
-        at_rest = []
-        if rest and not result.faults:
-            at_rest = rest_cases.study(chosen, lambda share: step(STUDY_SHARE + share * (1 - STUDY_SHARE)))
-            result.found.update(rest_cases.to_json(at_rest))
+        result = study(chosen, step)
+    if words:
+        with show.progress(f"{chosen.name}, words", quiet=as_json) as (step, _notice):
+            result.found["words"] = word_lengths(chosen, step)
+    at_rest = []
+    if rest and not result.faults:
+        with show.progress(f"{chosen.name}, at rest", quiet=as_json) as (step, _notice):
+            at_rest = rest_cases.study(chosen, step)
+        result.found.update(rest_cases.to_json(at_rest))
     if out is not None:
         _write(result.found, chosen, at_rest, out)
     if as_json:
@@ -53,6 +60,8 @@ def quantise(
     else:
         console = Console(markup=False, highlight=False)
         tables.show(console, result.found)
+        if words:
+            show_words(console, result.found["words"])
         if at_rest:
             rest_show.show_rest(console, result.found)
     for fault in result.faults:
@@ -69,3 +78,7 @@ def _write(found: dict[str, Any], scenario: "Scenario", at_rest: "Sequence[Found
             write_rest(folder, at_rest)
         (folder / QUANTISATION).write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
         (folder / SCENARIO).write_text(to_toml(scenario))
+        if "words" in found:
+            from hil.quantise.words_figure import write_figure
+
+            write_figure(folder, scenario.name, found["words"])

@@ -36,9 +36,10 @@ import numpy as np
 from dbc.codec import Codec
 from firmware_py.joint_cpu import A_REF
 from hil.assemble import arm_parameters
-from hil.constants import action_delays_ns, parameter_table, rad_per_count
+from hil.constants import action_delays_ns, parameter_table
 from hil.engine.functional_run import functional
 from hil.errors import ScenarioError
+from hil.exact_constants import rad_per_count
 from hil.scenario import Scenario
 from hil.word_format import BUS_BITS, WordFormat, words_of
 from plant.array_form import inertia

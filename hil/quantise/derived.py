@@ -14,8 +14,9 @@ import numpy as np
 
 from dbc.codec import Codec
 from hil.assemble import arm_parameters, joint_trajectory
-from hil.constants import parameter_table, rad_per_count
+from hil.constants import parameter_table
 from hil.evaluate import Array
+from hil.exact_constants import rad_per_count
 from hil.scenario import Scenario
 from hil.word_format import WordFormat
 from plant.array_form import gravity, inertia

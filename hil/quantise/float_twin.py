@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dbc.codec import Codec
-from hil.constants import exact_constants
+from hil.exact_constants import exact_constants
 from hil.node import Node
 from hil.quantise.signals import Raw
 from hil.quantise.tap import COLUMNS, with_own_step

@@ -11,7 +11,7 @@ from dbc.codec import Codec
 from hil.constants import parameter_table
 from hil.errors import ScenarioError
 from hil.scenario import Scenario
-from hil.word_format import WordFormat
+from hil.word_format import WordFormat, with_word
 
 HEADROOM_BITS = 1
 CURRENTS = ("estimate", "i", "i-d", "d")
@@ -26,7 +26,7 @@ def propose(scenario: Scenario, codec: Codec, rows: Sequence[dict[str, Any]]) ->
     acceleration = min(form.bus_acceleration, form.acceleration + _spare(rows, ACCELERATIONS))
     for current_fraction in range(current, -form.bits, -1):
         for kb_fraction in range(FINEST_KB, -form.bits, -1):
-            chosen = _with(
+            chosen = with_word(
                 scenario,
                 current_fraction=current_fraction,
                 acceleration_fraction=acceleration,
@@ -52,12 +52,6 @@ def changes(scenario: Scenario, chosen: Scenario, codec: Codec) -> dict[str, int
 def _spare(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> int:
     """Return how many bits all these signals could do without at the upper end."""
     return min(int(row["headroom_bits"]) for row in rows if row["name"] in names) - HEADROOM_BITS
-
-
-def _with(scenario: Scenario, **word: Any) -> Scenario:
-    """Return the scenario with other formats of its words."""
-    joint = scenario.joint.model_copy(update={"word": scenario.joint.word.model_copy(update=word)})
-    return scenario.model_copy(update={"joint": joint})
 
 
 def _fits(scenario: Scenario, codec: Codec) -> bool:

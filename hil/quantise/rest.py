@@ -22,10 +22,10 @@ import numpy.typing as npt
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
-from hil.constants import rad_per_count
 from hil.engine.fast import quickest
 from hil.engine.functional_run import FunctionalRun
 from hil.errors import ScenarioError
+from hil.exact_constants import rad_per_count
 from hil.quantise.dead_band import DeadBand, dead_band
 from hil.scenario import QuinticMove, Scenario, Torque, Wire
 from hil.word_format import WordFormat

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
-from hil.constants import exact_constants
 from hil.errors import ScenarioError
+from hil.exact_constants import exact_constants
 from hil.quantise.dead_band import dead_band
 from hil.quantise.rest import Rest, rest, row_of
 from hil.rig import Progress, no_progress

@@ -9,7 +9,7 @@ from typing import Any
 
 from dbc.codec import Codec
 from firmware_py.dsp.cpu import DSP
-from hil.constants import reference_of
+from hil.exact_constants import reference_of
 from hil.node import Node
 from hil.quantise.float_twin import FloatSeats, FloatStep
 from hil.quantise.tap import Heard

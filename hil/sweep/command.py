@@ -55,7 +55,7 @@ def sweep(
         try:
             summary = carry_out(found, folder, hands, told, notice)
         except BaseException:
-            if out is not None:
+            if out is not None and folder.has_rows:
                 notice(f"what is done is in {out}: the same command with --out {out} goes on")
             raise
     if as_json:

@@ -54,13 +54,13 @@ def cluster(address: str) -> Iterator[Crew]:
 
 
 def _connected(address: str) -> Any:
+    found = ADDRESS.fullmatch(address)
+    if found is None:
+        raise ChannelError(f"scheduler {address!r}: write HOST:PORT, for example 127.0.0.1:8786; {CURE}")
     try:
         from distributed import Client
     except ImportError:
         raise MissingExtraError("--scheduler needs Dask, which is not installed: pip install 'hil[sweep]'") from None
-    found = ADDRESS.fullmatch(address)
-    if found is None:
-        raise ChannelError(f"scheduler {address!r}: write HOST:PORT, for example 127.0.0.1:8786; {CURE}")
     try:
         # first a bare connection: it is refused at once, where Dask would try again
         socket.create_connection((found["host"].strip("[]"), int(found["port"])), PATIENCE_S).close()

@@ -14,8 +14,11 @@ from typing import Any
 
 from hil.errors import OutputError
 from hil.record import parquet
+from hil.sweep.table import sha256
 
 SWEEP, PARTS, RESULTS, SUMMARY = "sweep.toml", "parts", "results.parquet", "sweep.json"
+HASH = b"hil.sha256"
+"""Of the rows of a file, in its metadata: a flipped bit may read as another number."""
 PARTIAL, DAMAGED = ".partial", ".damaged"
 
 Key = tuple[str, int]
@@ -33,7 +36,11 @@ def sweep_folder(path: Path, text: str) -> Iterator["Folder"]:
             _hold(path, held)
             _begin(path, text)
             folder = Folder(path)
-        yield folder
+        try:
+            yield folder
+        finally:
+            if not folder.has_rows:
+                folder.remove()
     finally:
         os.close(held)
 
@@ -91,13 +98,26 @@ class Folder:
         self._parquet = parquet("sweeps", "sweep").parquet
         (path / PARTS).mkdir(exist_ok=True)
 
+    @property
+    def has_rows(self) -> bool:
+        """Whether there is anything to go on with."""
+        return bool(self._tables())
+
+    def remove(self) -> None:
+        """Remove a folder that holds nothing but the sweep's file."""
+        with suppress(OSError):
+            (self.path / PARTS).rmdir()
+            (self.path / SWEEP).unlink()
+            self.path.rmdir()
+
     def add(self, number: int, rows: Any) -> None:
         """Write a part; number: the first of its points, among all."""
         with _explained(self.path):
             self._write_table(self.path / PARTS / f"part-{number:07d}.parquet", rows)
 
     def _write_table(self, path: Path, rows: Any) -> None:
-        _write(path, lambda partial: self._parquet.write_table(rows, partial, write_page_checksum=True))
+        whole = rows.replace_schema_metadata({HASH: sha256(rows)})
+        _write(path, lambda partial: self._parquet.write_table(whole, partial))
 
     def read(self, schema: Any, notice: Callable[[str], None]) -> Any:
         """Return the rows that are there, in no order, as a table; say what was half-written or damaged."""
@@ -115,16 +135,18 @@ class Folder:
     def _read(self, path: Path, schema: Any, notice: Callable[[str], None]) -> Any:
         """Return a table; None for one that is damaged, which is put aside."""
         try:
-            rows = self._parquet.read_table(path, page_checksum_verification=True)
+            rows = self._parquet.read_table(path)
             if not rows.schema.equals(schema):
                 raise ValueError("its columns are not this sweep's")
-        except (OSError, ValueError) as error:  # pyarrow's own are ValueErrors
+            if (rows.schema.metadata or {}).get(HASH) != sha256(rows).encode():
+                raise ValueError("its rows are not those that were written")
+        except (OSError, ValueError, RuntimeError) as error:  # pyarrow's own are all of these
             aside = path.with_name(path.name + DAMAGED)
             path.replace(aside)
             said = str(error).splitlines()[0].rstrip(".")
             notice(f"{path} is damaged ({said}): put aside as {aside.name}; its points run again")
             return None
-        return rows
+        return rows.replace_schema_metadata(None)
 
     def finish(self, rows: Any, summary: dict[str, Any]) -> None:
         """Write the whole table and its summary; remove the parts."""

@@ -23,7 +23,7 @@ from hil.sweep.summary import summarise
 from hil.sweep.sweep_file import SweepFile
 from hil.sweep.table import Columns, columns, schema, table
 
-CHUNK = 16
+CHUNK = 8
 """Points of a task at most: some tenths of a second, small beside what a kill may cost."""
 WAITING = 4
 """Tasks submitted for everyone at work: nobody waits, and few are lost."""

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.assemble import dead_time
-from hil.constants import BUS, COMPUTING, DRIVE, HOST, reference_of
+from hil.constants import BUS, COMPUTING, DRIVE, HOST
+from hil.exact_constants import reference_of
 from hil.latency import distribution
 from hil.scenario import Scenario
 from hil.scenario_parts import to_ns

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from hil.wire.identifier import OWN
-from hil.wire.port import IGNORES, WATCHES, Arrival, Port, route_key
+from hil.wire.port import IGNORES, Port, route_key
 
 if TYPE_CHECKING:
     from hil.wire.medium import Medium
@@ -34,9 +34,9 @@ class Delivery:
         route = self._routes.get(identifier)
         for receiver, how in self._route(identifier) if route is None else route:
             if receiver is not sender:
-                self._hand_over(receiver, arrival, how)
+                receiver.take(arrival, how)
             elif sender.echo:
-                self._hand_over(sender, (now_ns, identifier | OWN, data), how)
+                sender.take((now_ns, identifier | OWN, data), how)
         for watcher in self.watchers:
             watcher(now_ns, identifier, data, sender.name)
 
@@ -51,14 +51,7 @@ class Delivery:
         """Hand over a frame that one participant read bit by bit."""
         how = port.accepts(route_key(identifier & ~OWN))
         if how != IGNORES:
-            self._hand_over(port, (now_ns, identifier, data), how)
-
-    def _hand_over(self, receiver: Port, arrival: Arrival, how: int) -> None:
-        receiver.controller.received += 1
-        if how == WATCHES:
-            receiver.watch(arrival)
-        else:
-            receiver.take(arrival, how)
+            port.take((now_ns, identifier, data), how)
 
     def _route(self, identifier: int) -> list[tuple[Port, int]]:
         """Find who accepts an identifier, and what it does with it; found once, kept."""

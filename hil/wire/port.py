@@ -107,13 +107,17 @@ class Port:
 
     def take(self, arrival: Arrival, how: int) -> None:
         """Take a frame, or lose it where there is no room for it."""
-        inbox = self.inbox
-        if len(inbox) >= self.controller.receive_depth or self.controller.overrun:
+        controller = self.controller
+        controller.received += 1
+        if how == WATCHES:
+            self.watch(arrival)
+        elif len(self.inbox) >= controller.receive_depth or controller.overrun:
             self.medium.reporter.overrun(self)
-            return
-        inbox.append((arrival, how == WAKES))
-        if how == WAKES:
-            self.agenda.at(self.agenda.now_ns, WAKE, self.order, self._frame_due, None)
+        else:
+            wakes = how == WAKES
+            self.inbox.append((arrival, wakes))
+            if wakes:
+                self.agenda.at(self.agenda.now_ns, WAKE, self.order, self._frame_due, None)
 
     def hear(self, arrival: Arrival) -> None:
         """Take an error frame; where the frames of the bus fill the inbox, some room is left for these."""

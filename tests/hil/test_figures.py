@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil import scenario_file
+from hil import figures, scenario_file
 from hil.errors import MissingExtraError
 from hil.evaluate import Evaluation, evaluate
 from hil.figures import ESTIMATE, write_figures
@@ -98,6 +98,12 @@ def test_zero_terms_are_left_out(folder):
     assert "torque ripple" not in seen
 
 
+@pytest.fixture
+def disturbance_alone(monkeypatch):
+    monkeypatch.setattr(figures, "FIGURES", {"disturbance": figures.FIGURES["disturbance"]})
+
+
+@pytest.mark.usefixtures("disturbance_alone")
 def test_ripple_and_load_are_named_where_there_are_any(tmp_path, runs):
     rippling = run("drive.ripple=[0.02, 0.02, 0.02]", "load=[{mass_kg=1.0, at_s=0.1, until_s=0.2}]")
     write_figures(tmp_path, rippling, runs[1])
@@ -114,9 +120,15 @@ def test_deviation_is_that_of_the_evaluation(folder, runs):
     assert f", final {final_urad:.3g} µrad" in seen.partition("(b) joint 3")[2].partition("\n")[0]
 
 
-def test_two_writes_are_the_same_bytes(tmp_path, folder, runs):
-    for path in write_figures(tmp_path, *runs):
-        assert path.read_bytes() == (folder / path.name).read_bytes()
+def test_two_writes_are_the_same_bytes_and_leave_nothing_global_changed(tmp_path, folder, runs):
+    import matplotlib
+
+    before, pyplot = matplotlib.rcParams.copy(), "matplotlib.pyplot" in sys.modules
+    paths = write_figures(tmp_path, *runs)
+    assert len(paths) == 2 * len(NAMES)
+    assert [path.read_bytes() for path in paths] == [(folder / path.name).read_bytes() for path in paths]
+    assert matplotlib.rcParams.copy() == before
+    assert ("matplotlib.pyplot" in sys.modules) == pyplot
 
 
 @pytest.mark.parametrize(("rows_with", "rows_without"), [(1, 1), (2, 300), (150, 5)])
@@ -125,7 +137,8 @@ def test_runs_that_ended_early(tmp_path, runs, rows_with, rows_without):
     assert [path.exists() for path in paths] == [True] * 8
 
 
-def test_missing_frames_are_gaps(tmp_path, folder, runs):
+@pytest.mark.usefixtures("disturbance_alone")
+def test_missing_frames_are_gaps(folder, tmp_path, runs):
     estimate = runs[0].estimate.copy()
     estimate[100:200, 0] = np.nan
     estimate[:, 2] = np.nan
@@ -133,15 +146,6 @@ def test_missing_frames_are_gaps(tmp_path, folder, runs):
     whole, gaps = lines_in(folder / "disturbance.svg", ESTIMATE), lines_in(tmp_path / "disturbance.svg", ESTIMATE)
     assert [line.count("M") for line in whole] == [1, 1, 1]
     assert [line.count("M") for line in gaps] == [2, 1]
-
-
-def test_nothing_global_is_left_changed(tmp_path, runs):
-    import matplotlib
-
-    before, pyplot = matplotlib.rcParams.copy(), "matplotlib.pyplot" in sys.modules
-    write_figures(tmp_path, *runs)
-    assert matplotlib.rcParams.copy() == before
-    assert ("matplotlib.pyplot" in sys.modules) == pyplot
 
 
 def test_without_matplotlib(tmp_path, monkeypatch, runs):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from hil import assemble, scenario_file
 from hil.errors import ChannelError, FaultError, NodeError
 from hil.frame_log import FrameLog
 from hil.processes import run_processes
-from hil.rig import run_inline
+from hil.rig import Outcome, run_inline
 from hil.scenario import Scenario
 from hil.wire import channel, client
 from hil.wire.channel import Listener
@@ -57,6 +58,12 @@ def cpu_ticks(pid: int) -> int:
     return int(fields[11]) + int(fields[12])
 
 
+@cache
+def inline(name: str, *settings: str) -> Outcome:
+    """Return the run of a scenario that several tests compare with, which none of them changes."""
+    return run_inline(scenario_file.load(name, settings))
+
+
 EVERY_WAY = [
     *(("bits", name) for name in scenario_file.builtin_names()),
     *(("functional", name) for name in ("five-joints", "load-step", "paper-joint", "paper-task")),
@@ -65,8 +72,8 @@ EVERY_WAY = [
 
 @pytest.mark.parametrize(("fidelity", "name"), EVERY_WAY)
 def test_processes_and_inline_make_the_same_frames(fidelity: str, name: str) -> None:
-    scenario = scenario_file.load(name, [f"bus.fidelity={fidelity}"])
-    assert run_processes(scenario, "arm").log.frames == run_inline(scenario).log.frames
+    expected = inline(name, f"bus.fidelity={fidelity}")
+    assert run_processes(expected.scenario, "arm").log.frames == expected.log.frames
 
 
 @pytest.mark.parametrize("name", scenario_file.builtin_names())
@@ -103,7 +110,8 @@ def test_a_busy_machine_changes_nothing(short: Scenario) -> None:
 
 @pytest.mark.parametrize("name", ["plant", "dsp", "joint2"])
 def test_a_node_that_is_stopped_for_a_second_changes_nothing(name: str, hil: Any) -> None:
-    rig = hil.start("run", "--json", "--set", "duration_s=6")
+    long = "duration_s=6"
+    rig = hil.start("run", "--json", "--set", long)
     pid = wait_for(lambda: nodes_of(rig.pid).get(name))
     wait_for(lambda: len(nodes_of(rig.pid)) == 5 and cpu_ticks(pid) > 40)
     os.kill(pid, signal.SIGSTOP)
@@ -112,8 +120,7 @@ def test_a_node_that_is_stopped_for_a_second_changes_nothing(name: str, hil: Any
     os.kill(pid, signal.SIGCONT)
     out, err = rig.communicate(timeout=LIMIT_S)
     assert rig.returncode == 0, err
-    expected = run_inline(scenario_file.load("paper-joint", ["duration_s=6"])).log.sha256()
-    assert json.loads(out)["frame_log_sha256"] == expected
+    assert json.loads(out)["frame_log_sha256"] == inline("paper-joint", long).log.sha256()
 
 
 @pytest.mark.parametrize("name", ["plant", "dsp", "joint1", "joint2", "joint3"])

@@ -10,22 +10,23 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
+from hil import scenario_file
 from hil.errors import OutputError
 from hil.evaluate import evaluate
 from hil.experiment import examine, write
 from hil.record import run_folder
 from hil.rig import Outcome, run_inline
-from hil.scenario import Scenario
+from tests.conftest import SHORT
 
 
-@pytest.fixture
-def outcome(short: Scenario) -> Outcome:
-    return run_inline(short)
+@pytest.fixture(scope="module")
+def outcome() -> Outcome:
+    return run_inline(scenario_file.load("paper-joint", SHORT))
 
 
-@pytest.fixture
-def folder(outcome: Outcome, tmp_path: Path) -> Path:
-    path = tmp_path / "run"
+@pytest.fixture(scope="module")
+def folder(outcome: Outcome, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("record") / "run"
     write(examine(outcome, 0.0), path)
     return path
 

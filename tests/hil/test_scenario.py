@@ -10,8 +10,9 @@ from dbc.compiler import load_arm
 from firmware_py.joint_cpu import FAULTS, STATES
 from hil import scenario_file
 from hil.assemble import build_nodes, payloads
-from hil.constants import STOP_REASONS, action_delays_ns, parameter_table, rad_per_count, tail_ns, worst_case_ends_ns
+from hil.constants import STOP_REASONS, action_delays_ns, parameter_table, tail_ns, worst_case_ends_ns
 from hil.errors import ScenarioError
+from hil.exact_constants import rad_per_count
 from hil.record import to_toml
 from hil.scenario import Scenario
 from plant.nominal import nominal_inertia

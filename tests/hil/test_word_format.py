@@ -161,3 +161,12 @@ def test_what_is_said_to_fit_does(setting, fraction):
     scenario = scenario_file.load("paper-joint", [f"joint.word.{setting}={fraction}"])
     for joint in (1, 2, 3):
         parameter_table(scenario, joint, CODEC)
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16, 24])
+@pytest.mark.parametrize("counts", [6400, 819_200, 2**26])
+def test_a_kb_that_is_to_fit_has_all_the_bits_that_the_largest_leaves(bits, counts):
+    fixed = [f"joint.word.bits={bits}", f"encoder.counts_per_turn={counts}"]
+    scenario = scenario_file.load("paper-joint", [*fixed, "joint.word.kb_fraction=fit"])
+    kbs = [parameter_table(scenario, joint, CODEC)[1] for joint in (1, 2, 3)]
+    assert 1 << (min(bits, 16) - 2) <= max(kbs) < 1 << (min(bits, 16) - 1)

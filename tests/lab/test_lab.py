@@ -216,6 +216,7 @@ def test_what_is_shown_and_a_good_exit_make_a_good_exit(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(packages, "install", lambda: None)
     monkeypatch.setattr(boot, "build_board", lambda _results: None)
+    monkeypatch.setattr(boot, "compile_tests", lambda: None)
     assert boot.reported(run, tmp_path) == 3
     assert boot.reported(lambda command: run(command) - 3, tmp_path) == 0
     assert boot.reported(lambda _command: 0, tmp_path) == 1

@@ -96,6 +96,7 @@ def test_the_random_scenarios_are_of_every_kind() -> None:
     [
         (),
         ("drive.lag_s=0.0005", "drive.ripple=[0.01, 0.0, 0.02]", "brake.torque_N_m=[0.5, 30, 8]"),
+        ("clock.period_s=0.002", "joint.g_rad_s=300"),  # in steps of 1 ms at most
         ("joint.word.bits=12", "joint.word.overflow=wrap", "joint.word.round_d=convergent"),
     ],
 )

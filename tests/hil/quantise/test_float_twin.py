@@ -7,7 +7,8 @@ import pytest
 
 from dbc.compiler import load_arm
 from hil import scenario_file
-from hil.constants import exact_constants, parameter_table
+from hil.constants import parameter_table
+from hil.exact_constants import exact_constants
 from hil.quantise.float_twin import FloatLaw, FloatStep, open_loop
 from hil.quantise.tap import COLUMNS
 from hil.word_format import WordFormat
