@@ -28,6 +28,7 @@ ONLY_IN = {
         "hil/bench_plot.py",
         "hil/figures.py",
         "hil/paper/plots.py",
+        "hil/quantise/rest_figure.py",
         "hil/quantise/words_figure.py",
         "hil/sweep/figures.py",
         "hil/timing/drift_figure.py",

@@ -11,6 +11,9 @@ from hil.options import ScenarioName, Settings, new_folder, with_clock
 from hil.reported import reported
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hil.quantise.rest_cases import Found
     from hil.scenario import Scenario
 
 QUANTISATION = "quantisation.json"
@@ -25,11 +28,13 @@ def quantise(
         bool, typer.Option("--words", help="Try words of 8 to 32 bits, and tell where the knee is.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    rest: Annotated[bool, typer.Option("--rest", help="At rest, too: limit cycles and dead bands, by format.")] = False,
 ) -> None:
     """Tell what 16-bit words do to the joints: ranges, head-room, overflows, and the error beside float64."""
     from rich.console import Console
 
     from hil import scenario_file, show
+    from hil.quantise import rest_cases, rest_show
     from hil.quantise import show as tables
     from hil.quantise.study import study
     from hil.quantise.word_length import word_lengths
@@ -43,8 +48,13 @@ def quantise(
     if words:
         with show.progress(f"{chosen.name}, words", quiet=as_json) as (step, _notice):
             result.found["words"] = word_lengths(chosen, step)
+    at_rest = []
+    if rest and not result.faults:
+        with show.progress(f"{chosen.name}, at rest", quiet=as_json) as (step, _notice):
+            at_rest = rest_cases.study(chosen, step)
+        result.found.update(rest_cases.to_json(at_rest))
     if out is not None:
-        _write(result.found, chosen, out)
+        _write(result.found, chosen, at_rest, out)
     if as_json:
         print(json.dumps(result.found, allow_nan=False))
     else:
@@ -52,15 +62,20 @@ def quantise(
         tables.show(console, result.found)
         if words:
             show_words(console, result.found["words"])
+        if at_rest:
+            rest_show.show_rest(console, result.found)
     for fault in result.faults:
         raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")
 
 
-def _write(found: dict[str, Any], scenario: "Scenario", path: Path) -> None:
+def _write(found: dict[str, Any], scenario: "Scenario", at_rest: "Sequence[Found]", path: Path) -> None:
     """Write the folder, whole or not at all."""
+    from hil.quantise.rest_figure import write_rest
     from hil.record import SCENARIO, run_folder, to_toml
 
     with run_folder(path) as folder:
+        if at_rest:
+            write_rest(folder, at_rest)
         (folder / QUANTISATION).write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
         (folder / SCENARIO).write_text(to_toml(scenario))
         if "words" in found:
