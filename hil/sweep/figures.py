@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Rows = list[dict[str, Any]]
 HEIGHT_IN = 2.3
+WIDE = 10
 FRONT: dict[str, Any] = {"color": "#D55E00", "linewidth": 1.2, "label": "front"}
 POINT: dict[str, Any] = {"color": "#0072B2", "markersize": 3.0, "alpha": 0.6, "label": "a run"}
 
@@ -49,16 +50,25 @@ def _figure(folder: Path, sweep: Sweep, rows: Rows, joints: int) -> list[Path]:
         if there:
             draw(axes, asked, there, column)
     panels[-1].set_xlabel(asked.x)
-    return finish(canvas, folder / sweep.name, f"Sweep {sweep.name}: {shown} over {asked.x}.")
+    over = f"{asked.x} and {asked.y}; white: none" if asked.kind == "heat-map" else asked.x
+    return finish(canvas, folder / sweep.name, f"Sweep {sweep.name}: {shown} over {over}.")
 
 
 def _lines(axes: "Axes", asked: Figure, rows: Rows, column: str) -> None:
     for place, by in enumerate(_distinct(rows, asked.by)):
         own = sorted((row for row in rows if asked.by is None or row[asked.by] == by), key=lambda row: row[asked.x])
-        label = column if asked.by is None else f"{asked.by} = {by}"
+        label = column if asked.by is None else f"{asked.by.rpartition('.')[2]} {_number(by)}"
         x, y = [row[asked.x] for row in own], [row[column] for row in own]
         axes.plot(x, y, "o-", color=f"C{place}", markersize=3.0, linewidth=1.0, label=label)
     axes.set(yscale="log", ylabel=column)
+    _spread(axes, [row[asked.x] for row in rows])
+
+
+def _spread(axes: "Axes", x: list[Any]) -> None:
+    """Give x a logarithmic scale where it covers much, and its ends some room."""
+    if min(x) > 0 and max(x) >= WIDE * min(x):
+        axes.set_xscale("log")
+    axes.margins(x=0.03)
     axes.grid(**GRID)
 
 
@@ -66,9 +76,10 @@ def _heat_map(axes: "Axes", asked: Figure, rows: Rows, column: str) -> None:
     x, y = (_distinct(rows, name) for name in (asked.x, asked.y))
     values = np.full((len(y), len(x)), np.nan)
     for row in rows:
-        values[y.index(row[asked.y]), x.index(row[asked.x])] = max(row[column], np.finfo(float).tiny)
-    drawn = axes.pcolormesh(range(len(x)), range(len(y)), values, norm="log", cmap="viridis", shading="nearest")
-    axes.set_xticks(range(len(x)), [_number(each) for each in x])
+        values[y.index(row[asked.y]), x.index(row[asked.x])] = row[column] or np.nan  # nothing has no logarithm
+    norm = "log" if np.any(np.isfinite(values)) else "linear"
+    drawn = axes.pcolormesh(range(len(x)), range(len(y)), values, norm=norm, cmap="viridis", shading="nearest")
+    axes.set_xticks(range(len(x)), [_number(each) for each in x], rotation=20, ha="right")
     axes.set_yticks(range(len(y)), [_number(each) for each in y])
     axes.set_ylabel(asked.y)
     axes.figure.colorbar(drawn, ax=axes, label=column)
@@ -79,7 +90,7 @@ def _pareto(axes: "Axes", asked: Figure, rows: Rows, column: str) -> None:
     axes.plot(*zip(*points, strict=True), "o", **POINT)
     axes.step(*zip(*front(points), strict=True), where="post", **FRONT)
     axes.set(yscale="log", ylabel=column)
-    axes.grid(**GRID)
+    _spread(axes, [x for x, _ in points])
 
 
 def front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -96,4 +107,4 @@ def _distinct(rows: Rows, name: str | None) -> list[Any]:
 
 
 def _number(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
+    return f"{value:g}" if isinstance(value, float) else str(value)

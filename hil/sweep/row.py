@@ -15,7 +15,7 @@ from hil.errors import HilError, ScenarioError
 from hil.evaluate import commands, final_rows, tip
 from hil.rig import run_inline
 from hil.scenario import Scenario
-from hil.sweep.columns import OF_A_JOINT, OK, REFUSED, SATURATED, STOPPED, TIP, TOTAL_BITS
+from hil.sweep.columns import KB_FRACTION, OF_A_JOINT, OK, REFUSED, SATURATED, STOPPED, TIP, TOTAL_BITS
 from hil.sweep.paths import Base
 from hil.sweep.sampling import Point
 from hil.word_format import WordFormat
@@ -55,7 +55,8 @@ def figures(scenario: Scenario, found: FunctionalRun) -> dict[str, Any]:
     counted = {name: int(count) for name, count in zip(SATURATED, found.saturations.sum(axis=0), strict=True)}
     counted["saturations_references"] = int(found.reference_saturations.sum())
     counted["saturations_amplifiers"] = int(found.amplifier_saturations.sum())
-    counted[TOTAL_BITS] = WordFormat.of(scenario, load_arm()).total_bits
+    form = WordFormat.of(scenario, load_arm())
+    counted |= {TOTAL_BITS: form.total_bits, KB_FRACTION: form.kb_fraction}
     return counted | (_deviations(scenario, found) if len(found.q) else {})
 
 
