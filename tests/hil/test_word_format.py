@@ -142,7 +142,7 @@ def test_every_word_length_holds_its_constants(bits):
     [
         (["kb_fraction=5"], r"joint1: KB = 47\d+ does not fit its format Q10.5 .*: Q11.4 can: set joint.word.kb_f"),
         (["bits=8", "current_fraction=5"], r"current limit = 256 does not fit its format Q2.5 .*Q4.3 can"),
-        (["bits=8", "kb_fraction=-8"], r"joint1: KB = 0 does not fit its format Q15.-8 .*Q3.4 can: set"),
+        (["bits=8", "kb_fraction=-8"], "kb_fraction = -8 with joint.word.bits = 8: KB dw would have 0 bits: take -6"),
         (["bits=32", "d_fraction=31"], r"d_fraction = 31 .* 63 bits, and 62 is the most: take 30 or less"),
         (
             ["kb_fraction=-16"],
