@@ -3,7 +3,7 @@
 A front is what no other point beats in both: fewer of x and less of y. Points without figures are left out.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,13 +60,14 @@ def _lines(axes: "Axes", asked: Figure, rows: Rows, column: str) -> None:
         label = column if asked.by is None else f"{asked.by.rpartition('.')[2]} {_number(by)}"
         x, y = [row[asked.x] for row in own], [row[column] for row in own]
         axes.plot(x, y, "o-", color=f"C{place}", markersize=3.0, linewidth=1.0, label=label)
-    axes.set(yscale="log", ylabel=column)
-    _spread(axes, [row[asked.x] for row in rows])
+    _finish(axes, column, [row[asked.x] for row in rows], [row[column] for row in rows])
 
 
-def _spread(axes: "Axes", x: list[Any]) -> None:
-    """Give x a logarithmic scale where it covers much, and its ends some room."""
-    if min(x) > 0 and max(x) >= WIDE * min(x):
+def _finish(axes: "Axes", column: str, x: Sequence[Any], y: Sequence[float]) -> None:
+    """Give y a logarithmic scale where it has one, x where it covers much; and the ends some room."""
+    numbers = all(isinstance(each, int | float) for each in x)
+    axes.set(ylabel=column, yscale="log" if min(y) > 0 else "linear")
+    if numbers and min(x) > 0 and max(x) >= WIDE * min(x):
         axes.set_xscale("log")
     axes.margins(x=0.03)
     axes.grid(**GRID)
@@ -89,8 +90,7 @@ def _pareto(axes: "Axes", asked: Figure, rows: Rows, column: str) -> None:
     points = [(row[asked.x], row[column]) for row in rows]
     axes.plot(*zip(*points, strict=True), "o", **POINT)
     axes.step(*zip(*front(points), strict=True), where="post", **FRONT)
-    axes.set(yscale="log", ylabel=column)
-    _spread(axes, [x for x, _ in points])
+    _finish(axes, column, *zip(*points, strict=True))
 
 
 def front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -131,7 +131,8 @@ class Sweep(Part):
         for name in [] if self.figure is None else self.figure.names:
             if name not in known:
                 near = get_close_matches(name, known, 1, 0.3)
-                raise ValueError(f"figure: {name!r} is neither varied nor a figure of a run: did you mean {near[0]}?")
+                hint = f"did you mean {near[0]}?" if near else f"a run has {', '.join(FIGURES)}"
+                raise ValueError(f"figure: {name!r} is neither varied nor a figure of a run: {hint}")
         return self
 
     def _check(self, path: str, values: Any) -> None:
