@@ -16,7 +16,7 @@ from hil.scenario import Scenario
 
 BUS_BITS = 16
 """Of a constant in a Parameter frame, of a counter in an Encoder frame."""
-LARGEST_KB_FRACTION = 15
+LARGEST_KB_FRACTION = 32
 SHORTEST_PRODUCT = 2
 MOST_BITS = 62
 """Of d: every sum fits 64 bits then, which is what the fast engine has."""
@@ -121,7 +121,10 @@ def _kb_fraction(scenario: Scenario, codec: Codec, current: int) -> int:
         return word.kb_fraction
     largest = max(exact_constants(scenario, joint, codec)[1] for joint in range(1, scenario.joints + 1))
     own = largest * 2.0 ** (current - _fraction(codec.scale("Current_1", "Reference")))
-    return max(SHORTEST_PRODUCT - word.bits, min(LARGEST_KB_FRACTION, _most(own, min(word.bits, BUS_BITS))))
+    return max(
+        SHORTEST_PRODUCT - word.bits,
+        min(LARGEST_KB_FRACTION, MOST_BITS - word.bits, _most(own, min(word.bits, BUS_BITS))),
+    )
 
 
 def _most(exact: float, bits: int) -> int:

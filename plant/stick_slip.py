@@ -181,7 +181,7 @@ class StickSlip:
         modes = modes_of(self.w, self._limit, self._balance)
         if self._settled and modes == self._modes:
             return
-        self._modes, self._settled = modes, True
+        self._modes, self._settled, self._resting = modes, True, False  # by `balance`, too
         free = _free(modes)
         watched = tuple([j for j in free if self._limit[j - 1] > 0.0])
         self._step = (self._touching or self._body).step(free, watched)

@@ -30,7 +30,7 @@ def quantise(
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
     rest: Annotated[bool, typer.Option("--rest", help="At rest, too: limit cycles and dead bands, by format.")] = False,
 ) -> None:
-    """Tell what 16-bit words do to the joints: ranges, head-room, overflows, and the error beside float64."""
+    """Tell what words do to the joints: ranges, head-room, overflows, and the error beside float64."""
     from rich.console import Console
 
     from hil import scenario_file, show
@@ -43,6 +43,8 @@ def quantise(
     chosen = scenario_file.load(scenario, with_clock(settings, "virtual"))
     if out is not None:
         new_folder(out, as_json, chosen.name)
+    if rest:
+        rest_cases.check(chosen)
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, _notice):
         result = study(chosen, step)
     if words:

@@ -80,7 +80,7 @@ def dead_band(scenario: Scenario, joint: int, codec: Codec) -> DeadBand:
     """Return that of joint 1 to n; raise ScenarioError where it has no end: errors of any size are left standing."""
     if not scenario.joint.observer or scenario.dsp.k2_1_s2 == 0.0:
         what = "dsp.k2_1_s2 = 0" if scenario.joint.observer else "joint.observer = false"
-        raise ScenarioError(f"{what}: at rest an error of any size is left standing; leave it out")
+        raise ScenarioError(f"{what}: at rest an error of any size is left standing: leave out --rest, or the setting")
     count = rad_per_count(scenario)
     silent_below, silent_above = _silent_counts(scenario, joint, codec)
     return DeadBand(

@@ -1,9 +1,9 @@
-"""Ranges of a joint's signals by interval arithmetic, from physical limits alone: what no run can leave.
+"""Ranges of a joint's signals by interval arithmetic: what no run leaves that keeps to these limits, from rest.
 
 Speeds: SPEED_ROOM times the largest that is commanded. Accelerations: what the amplifiers' largest currents, gravity,
 friction, coupling and torques from outside can do to the arm anywhere on the commanded path at such speeds. References:
 all that the bus can say. An interval knows nothing of what depends on what, so a range may be far wider than any run's.
-Not seen: contact, and poses off the path.
+Not seen: contact, poses off the path, brakes that slip before the start.
 
 Ref: R. E. Moore, Interval Analysis, 1966; eq. (1).
 """

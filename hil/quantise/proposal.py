@@ -16,25 +16,25 @@ from hil.word_format import WordFormat, with_word
 HEADROOM_BITS = 1
 CURRENTS = ("estimate", "i", "i-d", "d")
 ACCELERATIONS = ("a_ref",)
-FINEST_KB = 15
 
 
 def propose(scenario: Scenario, codec: Codec, rows: Sequence[dict[str, Any]]) -> Scenario:
     """Return the scenario in the formats that its measured signals ask for. rows: of `hil.quantise.measure`."""
+    if not scenario.joint.observer:
+        return scenario  # KB is nothing, and d with it
     form = WordFormat.of(scenario, codec)
     current = min(form.bus_current, form.current + _spare(rows, CURRENTS))
     acceleration = min(form.bus_acceleration, form.acceleration + _spare(rows, ACCELERATIONS))
-    for current_fraction in range(current, -form.bits, -1):
-        for kb_fraction in range(FINEST_KB, -form.bits, -1):
-            chosen = with_word(
-                scenario,
-                current_fraction=current_fraction,
-                acceleration_fraction=acceleration,
-                kb_fraction=kb_fraction,
-                d_fraction=form.d_fraction,
-            )
-            if _fits(chosen, codec):
-                return chosen
+    for fraction in range(current, -form.bits, -1):
+        chosen = with_word(
+            scenario,
+            current_fraction=fraction,
+            acceleration_fraction=acceleration,
+            kb_fraction="fit",
+            d_fraction=form.d_fraction,
+        )
+        if _fits(chosen, codec):
+            return chosen
     return scenario
 
 

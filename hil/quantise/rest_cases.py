@@ -5,18 +5,17 @@ of the others is seen alone. No command changes: only `joint.word`, and the enco
 """
 
 from collections.abc import Iterator, Sequence
-from math import ceil, floor, log2, pi
+from math import ceil, log2, pi
 from typing import Any, NamedTuple
 
 from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil.errors import ScenarioError
-from hil.exact_constants import exact_constants
 from hil.quantise.dead_band import dead_band
 from hil.quantise.rest import Rest, rest, row_of
 from hil.rig import Progress, no_progress
 from hil.scenario import Scenario
-from hil.word_format import MOST_BITS, WordFormat
+from hil.word_format import WordFormat, with_word
 
 AS_IT_IS = "as it is"
 MOST_D_FRACTION = 16
@@ -25,7 +24,6 @@ COARSER = (2, 4, 6)
 FINER = 32
 """Counts of the finer encoder in the widest band of the other resolutions, at least."""
 MOST_COUNTS = 1 << 31
-LEAST_FRACTION, MOST_FRACTION = -16, 32
 
 
 class Case(NamedTuple):
@@ -75,10 +73,10 @@ def cases(scenario: Scenario, codec: Codec) -> Iterator[Case]:
     if counts <= scenario.encoder.counts_per_turn:
         return
     for fraction in fractions:
-        yield Case("d_fraction", True, with_encoder(with_word(scenario, d_fraction=fraction), counts, codec))
+        yield Case("d_fraction", True, with_encoder(with_word(scenario, d_fraction=fraction), counts))
     for swept, own in (("current_fraction", form.current), ("acceleration_fraction", form.acceleration)):
         for coarser in COARSER:
-            yield Case(swept, True, with_encoder(with_word(scenario, **{swept: own - coarser}), counts, codec))
+            yield Case(swept, True, with_encoder(with_word(scenario, **{swept: own - coarser}), counts))
 
 
 def finer_counts(scenario: Scenario, codec: Codec) -> int:
@@ -88,20 +86,17 @@ def finer_counts(scenario: Scenario, codec: Codec) -> int:
     return int(min(MOST_COUNTS, 2 ** ceil(log2(FINER * 2 * pi / narrowest))))
 
 
-def with_encoder(scenario: Scenario, counts: int, codec: Codec) -> Scenario:
+def with_encoder(scenario: Scenario, counts: int) -> Scenario:
     """Return a scenario with another encoder, and as many bits behind the point of KB as its word has room for."""
     encoder = scenario.encoder.model_copy(update={"counts_per_turn": counts})
-    finer = scenario.model_copy(update={"encoder": encoder})
-    form = WordFormat.of(finer, codec)
-    largest = max(exact_constants(finer, joint, codec)[1] for joint in range(1, finer.joints + 1))
-    room = floor(log2(form.largest_constant / (largest * 2.0**form.current_shift)))
-    return with_word(finer, kb_fraction=max(LEAST_FRACTION, min(room, MOST_FRACTION, MOST_BITS - form.bits)))
+    return with_word(scenario.model_copy(update={"encoder": encoder}), kb_fraction="fit")
 
 
-def with_word(scenario: Scenario, **values: int) -> Scenario:
-    """Return a scenario with other values of joint.word."""
-    word = scenario.joint.word.model_copy(update=values)
-    return scenario.model_copy(update={"joint": scenario.joint.model_copy(update={"word": word})})
+def check(scenario: Scenario) -> None:
+    """Raise ScenarioError for a scenario that has no dead band to predict."""
+    codec = load_arm()
+    for joint in range(1, scenario.joints + 1):
+        dead_band(scenario, joint, codec)
 
 
 # -- as JSON --
@@ -115,5 +110,14 @@ def to_json(found: Sequence[Found]) -> dict[str, Any]:
         for each in found
         for joint in each.joints
     ]
-    refused = [{"swept": each.case.swept, "cause": each.refused} for each in found if each.refused]
+    refused = [
+        {
+            "swept": each.case.swept,
+            "value": getattr(each.case.scenario.joint.word, each.case.swept, None),
+            "finer_encoder": each.case.fine,
+            "cause": each.refused,
+        }
+        for each in found
+        if each.refused
+    ]
     return {"rest": rows, "rest_refused": refused, "rest_not_fast": found[0].joints[0].slow or None}

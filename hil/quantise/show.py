@@ -15,7 +15,8 @@ EVENTS = {
 HEADS = ("min", "max", "room", "sat.", "wrap", "under", "SQNR", "same", "error")
 LEGEND = (
     "min, max, error: counts; room: bits of head-room above what was measured / above\n"
-    "what no run can leave by the physical limits; under: underflows. SQNR (dB)\n"
+    "what no run leaves within twice the commanded speeds, from rest; under:\n"
+    "underflows. SQNR (dB)\n"
     "and error: beside float64 with exact constants; same: with the joint's own.\n"
     "Both hear what this run's joints heard (open loop). -: no error, or no signal.\n"
     "w wraps where count did, which undoes it."
@@ -75,8 +76,10 @@ def proposed(proposal: dict[str, Any]) -> Iterator[str]:
     ):
         before, after = ([row[key.format(each)] for row in joints] for each in ("", "_proposed"))
         yield f"  {what}: {_listed(before, scale, form)} -> {_listed(after, scale, form)}"
-    verdict, less = ("proved by a run", "no") if proposal["proved"] else ("NOT proved", "some")
-    yield f"  {verdict}: {proposal['overflows']} overflows; {less} current is less exact"
+    if proposal["proved"]:
+        yield "  proved by a run: no overflow, no current less exact, no larger deviation"
+    else:
+        yield f"  NOT proved, so keep what it has: {', '.join(proposal['against'])}"
 
 
 def _listed(values: list[float | None], scale: float, form: str) -> str:
@@ -101,7 +104,7 @@ def _signals(joint: int, rows: list[dict[str, Any]]) -> Table:
 
 
 def _closed_loop(rows: list[dict[str, Any]]) -> Table:
-    heads = ("largest", "in float64", "16 bits add", "final (rms)", "in float64", "apart")
+    heads = ("largest", "in float64", "words add", "final (rms)", "in float64", "apart")
     table = new_table("closed loop: joint deviation, urad, beside joints in float64", ("joint",), heads)
     for row in rows:
         share = row["penalty"]

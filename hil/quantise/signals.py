@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_py.joint_cpu import SIGNALS, make_step
-from firmware_py.words import Words
+from firmware_py.words import FLOOR, Words
 from hil.quantise.tap import COLUMNS
 from hil.word_format import BUS_BITS, WordFormat
 
@@ -125,18 +125,18 @@ class TracedWords(Words):
         """Keep it; of less than a count nothing is left."""
         before = self.saturations[signal]
         y = Words.whole(self, signal, d)
-        lost = UNDERFLOWED if 0 < abs(d) < 1 << self.d_fraction else AS_IT_WAS
+        lost = _lost(d, y, self.d_fraction, self.round_estimate)
         return self._keep_as("estimate", y, self._overflow if self.saturations[signal] > before else lost)
 
     def reference_current(self, x: int, shift: int) -> int:
         """Keep it."""
         y = Words.reference_current(self, x, shift)
-        return self._keep_as("KJ*a_ref", y, UNDERFLOWED if x != 0 and y == 0 else AS_IT_WAS)
+        return self._keep_as("KJ*a_ref", y, _lost(x, y, shift, self.round_reference))
 
     def current_in_d(self, x: int) -> int:
         """Keep it."""
         y = Words.current_in_d(self, x)
-        return self._keep_as("KA*(i-d)", y, UNDERFLOWED if x != 0 and y in (0, -1) and x != y else AS_IT_WAS)
+        return self._keep_as("KA*(i-d)", y, _lost(x, y, self.current_places, self.round_d))
 
     def acceleration_from_bus(self, signal: int, x: int) -> int:
         """Keep it."""
@@ -144,6 +144,15 @@ class TracedWords(Words):
         y = Words.acceleration_from_bus(self, signal, x)
         lost = UNDERFLOWED if x != 0 and y == 0 else AS_IT_WAS
         return self._keep_as("a_ref", y, self._overflow if self.saturations[signal] > before else lost)
+
+    def current_to_bus(self, signal: int, x: int) -> int:
+        """Say of the current, or the estimate, that was kept last that the bus has no room for it."""
+        before = self.saturations[signal]
+        y: int = Words.current_to_bus(self, signal, x)
+        if self.saturations[signal] > before:
+            kept = self.kept[SIGNALS[signal]]
+            kept[-1] = kept[-1][0], self._overflow
+        return y
 
     @property
     def _overflow(self) -> int:
@@ -155,6 +164,12 @@ class TracedWords(Words):
     def _keep_as(self, name: str, y: int, became: int) -> int:
         self.kept.setdefault(name, []).append((y, became))
         return y
+
+
+def _lost(x: int, y: int, places: int, rounding: int) -> int:
+    """Return UNDERFLOWED where something became nothing: 0, or the -1 that a floor makes of less than a unit."""
+    nothing = y == 0 or (rounding == FLOOR and y == -1 and x > -(1 << max(places, 0)))
+    return UNDERFLOWED if x != 0 and nothing else AS_IT_WAS
 
 
 def replay(samples: Raw, words: TracedWords) -> dict[str, Trace]:

@@ -17,7 +17,7 @@ import numpy as np
 from dbc.codec import Codec
 from dbc.compiler import load_arm
 from hil.engine.fast import quickest
-from hil.errors import ScenarioError
+from hil.errors import HilError
 from hil.exact_constants import rad_per_count
 from hil.rig import Progress, no_progress
 from hil.scenario import Scenario
@@ -67,8 +67,10 @@ def _run(scenario: Scenario) -> Row:
     """Return the figures of a run, and why it has none."""
     try:
         found, _ = quickest(scenario)
-    except ScenarioError as error:
-        return {"reason": str(error), "overflows": 0, "counter_bits": None} | dict.fromkeys(DEVIATIONS)
+    except HilError as error:
+        return _no_run(str(error))
+    if not len(found.q):
+        return _no_run(found.stopped)
     worth, joints = figures(scenario, found), range(1, scenario.joints + 1)
     overflows = sum(count for name, count in worth.items() if name.startswith("saturations_"))
     fastest = np.max(np.abs(np.diff(found.q, axis=0)), initial=0.0) / rad_per_count(scenario)
@@ -78,6 +80,10 @@ def _run(scenario: Scenario) -> Row:
         "counter_bits": int(fastest + 1).bit_length() + 1,
         **{name: [worth[f"{name}_{n}"] for n in joints] for name in DEVIATIONS},
     }
+
+
+def _no_run(reason: str) -> Row:
+    return {"reason": reason, "overflows": 0, "counter_bits": None} | dict.fromkeys(DEVIATIONS)
 
 
 def _alone(scenario: Scenario, knee: int, codec: Codec, judged: _Judge) -> list[Row]:

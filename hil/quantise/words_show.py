@@ -36,7 +36,7 @@ def explained(found: dict[str, Any]) -> Iterator[str]:
             yield f"{row['bits']} bits: {row['reason']}"
     knee, first = found["knee_bits"], found["fails_first"]
     if knee is None:
-        yield "no knee: even long words are not good enough: see the reasons"
+        yield "no knee: even 32 bits overflow, or their run stops"
     elif knee == SHORTEST:
         yield f"no knee: {SHORTEST} bits are enough"
     else:

@@ -13,6 +13,7 @@ from hil.errors import ChannelError, HilError, MissingExtraError, NodeError
 from hil.pool import pool
 
 ADDRESS = re.compile(r"(?:tcp://)?(?P<host>[\w.-]+|\[[\w:.%]+\]):(?P<port>\d{1,5})")
+LARGEST_PORT = 65_535
 PATIENCE_S = 5
 """For a scheduler that does not answer, and a cluster without workers."""
 CURE = "start one with `dask scheduler`, and workers with `dask worker ADDRESS`"
@@ -55,7 +56,7 @@ def cluster(address: str) -> Iterator[Crew]:
 
 def _connected(address: str) -> Any:
     found = ADDRESS.fullmatch(address)
-    if found is None:
+    if found is None or int(found["port"]) > LARGEST_PORT:
         raise ChannelError(f"scheduler {address!r}: write HOST:PORT, for example 127.0.0.1:8786; {CURE}")
     try:
         from distributed import Client

@@ -77,8 +77,8 @@ def _heat_map(axes: "Axes", asked: Figure, rows: Rows, column: str) -> None:
     x, y = (_distinct(rows, name) for name in (asked.x, asked.y))
     values = np.full((len(y), len(x)), np.nan)
     for row in rows:
-        values[y.index(row[asked.y]), x.index(row[asked.x])] = row[column] or np.nan  # nothing has no logarithm
-    norm = "log" if np.any(np.isfinite(values)) else "linear"
+        values[y.index(row[asked.y]), x.index(row[asked.x])] = row[column] or np.nan  # white: no logarithm
+    norm = "log" if np.nanmin(values, initial=np.inf) < np.inf and np.nanmin(values) > 0 else "linear"
     drawn = axes.pcolormesh(range(len(x)), range(len(y)), values, norm=norm, cmap="viridis", shading="nearest")
     axes.set_xticks(range(len(x)), [_number(each) for each in x], rotation=20, ha="right")
     axes.set_yticks(range(len(y)), [_number(each) for each in y])

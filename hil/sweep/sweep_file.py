@@ -96,12 +96,17 @@ class Figure(Part):
             raise ValueError(f"kind = {self.kind!r}: value, the colour, goes with a heat-map, and only with one")
         if self.by is not None and self.kind != "lines":
             raise ValueError(f"kind = {self.kind!r}: by goes with lines")
+        shown = self.value or self.y
+        if shown not in FIGURES:
+            near = get_close_matches(shown, FIGURES, 1, 0.3)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(FIGURES)}"
+            raise ValueError(f"kind = {self.kind!r}: {shown!r} is not a figure of a run: {hint}")
         return self
 
     @property
-    def names(self) -> list[str]:
-        """All that it names."""
-        return [name for name in (self.x, self.y, self.by, self.value) if name is not None]
+    def axes(self) -> list[str]:
+        """What is not shown, but what it is shown over."""
+        return [name for name in (self.x, self.y, self.by) if name is not None and name != (self.value or self.y)]
 
 
 class Sweep(Part):
@@ -127,13 +132,24 @@ class Sweep(Part):
             raise ValueError(f"method = {self.method!r} takes no samples: its lists say how many points there are")
         for path, values in self.vary.items():
             self._check(path, values)
-        known = [*self.vary, *FIGURES]
-        for name in [] if self.figure is None else self.figure.names:
+        if self.figure is not None:
+            self._check_figure(self.figure)
+        return self
+
+    def _check_figure(self, figure: Figure) -> None:
+        """Refuse axes that are not there, and pictures in which runs would hide one another."""
+        known = [*self.vary, *OF_A_RUN, TIP]
+        for name in figure.axes:
             if name not in known:
                 near = get_close_matches(name, known, 1, 0.3)
-                hint = f"did you mean {near[0]}?" if near else f"a run has {', '.join(FIGURES)}"
-                raise ValueError(f"figure: {name!r} is neither varied nor a figure of a run: {hint}")
-        return self
+                hint = f"did you mean {near[0]}?" if near else f"a run has {', '.join((*OF_A_RUN, TIP))}"
+                raise ValueError(f"figure: {name!r} is neither varied nor a figure of a whole run: {hint}")
+        hidden = [path for path in self.vary if path not in figure.axes]
+        if hidden and figure.kind != "pareto":
+            raise ValueError(
+                f"figure: kind = {figure.kind!r} does not show {', '.join(hidden)}, which the sweep varies, too: "
+                "make sweeps of their own of it, or take kind = 'pareto'"
+            )
 
     def _check(self, path: str, values: Any) -> None:
         """Refuse values that the method cannot take."""
@@ -222,7 +238,10 @@ def _fixed(given: Any, source: str) -> Iterator[tuple[str, Any]]:
 
 
 def _explain(error: ValidationError, source: str) -> Iterator[str]:
-    for item in error.errors(include_url=False):
+    items = error.errors(include_url=False)
+    for item in items:
+        if item["loc"] == ("sweep",) and item["type"] == "too_short" and len(items) > 1:
+            continue  # only because those in it are wrong
         path = ".".join(str(part) for part in item["loc"] if part not in TAGS)
         if item["type"] == "extra_forbidden":
             yield f"{source}: unknown key {path}: docs/sweep.md shows all keys of a sweep file"

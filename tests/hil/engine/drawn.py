@@ -60,6 +60,9 @@ def _values(draw: Random, seed: int) -> dict[str, Any]:
     }
     if draw.random() < 0.3 or period_s < 0.001:
         values["bus"]["action_delay_s"] = [draw.randrange(0, round(period_s * 1e6)) * 1e-6 for _ in range(joints)]
+    if draw.random() < 0.15:  # currents that act exactly where a period begins
+        values["bus"]["action_delay_s"] = [round(draw.randrange(4) * period_s / 4, 9) for _ in range(joints)]
+        values["drive"]["dead_time_s"] = [round(draw.randrange(9) * period_s / 4, 9) for _ in range(joints)]
     return values | _motion(draw, joints, duration_s)
 
 

@@ -177,3 +177,16 @@ def test_a_scenario_that_cannot_be_built_is_refused_as_inline(setting: str) -> N
     with pytest.raises(ScenarioError) as of_inline:
         inline(scenario)
     assert str(of_fast.value) == str(of_inline.value)
+
+
+def test_an_arm_moves_whose_currents_act_exactly_where_a_period_begins():
+    """Delay and dead time make a whole period: the sample looks at the arm at the instant of the jump.
+
+    One joint at rest, 8 A on 10 N m/A, against gravity and friction: it must have moved by a t^2 / 2 within 0.1 s, a
+    being at least half of what the free rotor would have.
+    """
+    settings = ["bus.action_delay_s=[0.0004]", "drive.dead_time_s=[0.0006]", "duration_s=0.1"]
+    scenario = scenario_file.load("one-joint", ["bus.fidelity=functional", *settings])
+    found = inline(scenario)
+    assert differences(found, fast.run(scenario, compiled=False)) == []
+    assert abs(found.q[-1, 0] - found.q[0, 0]) > 1e-4

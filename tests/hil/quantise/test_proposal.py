@@ -8,6 +8,7 @@ from hil.constants import parameter_table
 from hil.errors import ScenarioError
 from hil.quantise import study as studies
 from hil.quantise.proposal import changes, propose
+from hil.word_format import WordFormat
 
 CODEC = load_arm()
 
@@ -38,7 +39,7 @@ def test_constants_fit_and_would_not_with_a_bit_more(bits):
         [
             f"joint.word.bits={bits}",
             f"joint.word.current_fraction={word.current_fraction}",
-            f"joint.word.kb_fraction={word.kb_fraction + 1}",
+            f"joint.word.kb_fraction={WordFormat.of(chosen, CODEC).kb_fraction + 1}",
         ],
     )
     with pytest.raises(ScenarioError, match="KB = "):
@@ -76,4 +77,11 @@ def test_a_proposal_that_is_worse_is_not_proved(monkeypatch, setting, value):
 
     monkeypatch.setattr(studies, "propose", worse)
     short = scenario_file.load("paper-joint", ["duration_s=0.2", "trajectory.time_s=0.15"])
-    assert studies.study(short).found["proposal"]["proved"] is False
+    proposal = studies.study(short).found["proposal"]
+    assert proposal["proved"] is False
+    assert "a current is less exact" in proposal["against"]
+
+
+def test_without_an_observer_there_is_nothing_to_propose():
+    scenario = scenario_file.load("paper-joint", ["joint.observer=false"])
+    assert propose(scenario, CODEC, rows()) is scenario

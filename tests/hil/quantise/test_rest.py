@@ -19,6 +19,7 @@ from hil.quantise.rest import Timed, experiment, lines, rest, row_of
 from hil.quantise.rest_figure import write_rest
 from hil.quantise.rest_show import show_rest, summary
 from hil.scenario_file import check
+from hil.word_format import WordFormat, with_word
 
 CODEC = load_arm()
 FINE = ("encoder.counts_per_turn=67108864", "joint.word.kb_fraction=6")
@@ -208,14 +209,14 @@ def test_the_cases_are_the_scenario_every_bit_of_d_and_coarser_counts():
 def test_kb_keeps_as_many_bits_as_its_word_has_room_for():
     """KB of joint 1 is 1478 counts at 819 200 a turn: 18.04 at 2^26, and 2^10 times that is the most below 2^15."""
     scenario = scenario_file.load("paper-joint", ())
-    finer = rest_cases.with_encoder(scenario, 2**26, CODEC)
-    assert finer.joint.word.kb_fraction == 10
+    finer = rest_cases.with_encoder(scenario, 2**26)
+    assert WordFormat.of(finer, CODEC).kb_fraction == 10
 
 
 def test_a_case_that_cannot_be_is_named_and_the_rest_is_shown(monkeypatch, tmp_path):
     scenario = scenario_file.load("one-joint", ())
-    coarse = rest_cases.with_word(scenario, current_fraction=-10)
-    bits = [rest_cases.Case("d_fraction", fine, rest_cases.with_word(scenario, d_fraction=3)) for fine in (False, True)]
+    coarse = with_word(scenario, current_fraction=-10)
+    bits = [rest_cases.Case("d_fraction", fine, with_word(scenario, d_fraction=3)) for fine in (False, True)]
     every = [
         rest_cases.Case(rest_cases.AS_IT_IS, False, scenario),
         *bits,

@@ -159,3 +159,28 @@ def test_a_law_of_somebody_elses_is_refused_by_name():
     scenario = scenario_file.load("paper-joint", [*SHORT, "joint2.cpu=hil.paper.table1:CountedJoint"])
     with pytest.raises(ScenarioError, match=r"joint2\.cpu = 'hil\.paper\.table1:CountedJoint'.*joint2\.cpu = 'python'"):
         run_inline(scenario, seat=Tap().seat)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["joint.word.current_fraction=8", "joint.limit_A=15", "joint.g_rad_s=900", "encoder.counts_per_turn=6400"],
+        ["joint.word.bits=9", "joint.word.overflow='wrap'", "joint.word.current_fraction=4"],
+        ["joint.word.round_estimate='nearest'", "joint.word.acceleration_fraction=12", "dsp.k2_1_s2=20000"],
+    ],
+)
+def test_what_the_run_counts_the_replay_finds(settings):
+    """Every overflow, also those between the CPU's counts and the bus's: the run's own counters, by joint."""
+    fixed = ["duration_s=0.15", "trajectory.time_s=0.1", "joint.word.kb_fraction=fit", "bus.fidelity=functional"]
+    scenario, tap = scenario_file.load("paper-joint", [*fixed, *settings]), Tap()
+    outcome = run_inline(scenario, compiled=False, seat=tap.seat)
+    counted = 0
+    for joint in (1, 2, 3):
+        words = words_of(scenario, load_arm(), TracedWords)
+        traces = replay(tap.samples(joint), words)
+        reported = outcome.reports[f"joint{joint}"]["saturations"]
+        for name, number in reported.items():
+            overflowed = np.isin(traces[name].became, (SATURATED, WRAPPED))
+            assert number == (0 if name in ("w", "dw") else np.sum(overflowed)), (joint, name)
+        counted += sum(reported.values())
+    assert counted > 0

@@ -202,3 +202,11 @@ def test_a_law_of_ones_own_ends_with_the_reason(hil, short_settings):
     assert run.returncode == 3
     assert run.stderr.startswith("hil: joint2.cpu = 'hil.paper.table1:CountedJoint': its control law is its own")
     assert run.stdout == ""
+
+
+def test_no_signal_of_a_run_leaves_its_derived_range(paper):
+    rows = [row for row in paper.found["signals"] if "derived_min" in row]
+    assert {row["name"] for row in rows} >= {"w", "dw", "KB*dw", "i", "d"}
+    for row in rows:
+        assert row["derived_min"] <= row["min"] <= row["max"] <= row["derived_max"], (row["joint"], row["name"])
+        assert row["derived_headroom_bits"] <= row["headroom_bits"]

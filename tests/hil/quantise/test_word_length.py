@@ -93,3 +93,10 @@ def test_a_word_that_cannot_hold_its_constants_has_its_reason():
     assert "KB = 0 does not fit" in found["lengths"][0]["reason"]
     assert found["lengths"][0]["excess"] is None
     assert any(line.startswith("8 bits: joint3: KB = 0") for line in explained(found))
+
+
+def test_a_run_that_never_begins_has_its_reason():
+    found = word_lengths(scenario_file.load("linear-joint", ["clock.setup_cycles=10", "duration_s=0.1"]))
+    assert found["knee_bits"] is None
+    assert "not ready" in found["lengths"][0]["reason"]
+    assert any(line.startswith("no knee") for line in explained(found))

@@ -48,7 +48,10 @@ def rows_of(file, value):
             "drive.limit_A = [6, 8]\n",
         ),
         ('kind = "pareto"\nx = "total_bits"\ny = "swing_rad"', ""),
-        ('kind = "lines"\nx = "joint.word.round_d"\ny = "swing_rad"', 'joint.word.round_d = ["floor", "nearest"]\n'),
+        (
+            'kind = "lines"\nx = "joint.word.round_d"\ny = "swing_rad"\nby = "joint.g_rad_s"',
+            'joint.word.round_d = ["floor", "nearest"]\n',
+        ),
         (
             'kind = "heat-map"\nx = "joint.g_rad_s"\ny = "drive.limit_A"\nvalue = "current_noise_A"',
             "drive.limit_A = [6, 8]\n",
@@ -71,6 +74,12 @@ def test_every_kind_is_drawn_whatever_the_figures_are(tmp_path, figure, vary, va
         ('kind = "lines"\nx = "joint.g_rad_s"\ny = "max_deviation"', "did you mean max_deviation_rad"),
         ('kind = "heat-map"\nx = "joint.g_rad_s"\ny = "total_bits"', "value, the colour"),
         ('kind = "pareto"\nx = "total_bits"\ny = "swing_rad"\nby = "joint.g_rad_s"', "by goes with lines"),
+        (
+            'kind = "pareto"\nx = "swing_rad"\ny = "max_deviation_rad"',
+            "'swing_rad' is neither varied nor a figure of a whole",
+        ),
+        ('kind = "lines"\nx = "total_bits"\ny = "swing_rad"', "does not show joint.g_rad_s, which the sweep varies"),
+        ('kind = "lines"\nx = "total_bits"\ny = "joint.g_rad_s"', "'joint.g_rad_s' is not a figure of a run"),
         ('kind = "pie"\nx = "total_bits"\ny = "swing_rad"', "'lines', 'heat-map' or 'pareto'"),
         ('kind = "lines"\nx = "qqqq"\ny = "swing_rad"', "'qqqq' is neither varied nor a figure"),
     ],
