@@ -76,6 +76,16 @@ def parameter_table(scenario: Scenario, joint: int, codec: Codec) -> tuple[int, 
     return ka, kb, kj, shift, limit
 
 
+def constants_fit(scenario: Scenario, codec: Codec) -> bool:
+    """Return whether the parameters of all joints fit their formats."""
+    try:
+        for joint in range(1, scenario.joints + 1):
+            parameter_table(scenario, joint, codec)
+    except ScenarioError:
+        return False
+    return True
+
+
 def cycle_frames(joints: int) -> dict[str, int]:
     """Return the frames of one cycle in the order of the bus, with their data lengths."""
     frames = {"Sync": 1}

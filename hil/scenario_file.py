@@ -122,13 +122,18 @@ def _inside(values: Any, key: str, asked: str) -> Any:
 
 def _explain(error: ValidationError) -> Iterator[str]:
     for item in error.errors(include_url=False):
-        path = ".".join(str(part) for part in item["loc"] if part not in KINDS)
+        path = ".".join(str(part) for part in item["loc"] if not _is_tag(str(part)))
         if item["type"] == "extra_forbidden":
             yield f"scenario: unknown key {path}{suggestion(path)}"
         elif item["type"] == "missing":
             yield f"scenario: {path} is missing: set it in the file or with --set {path}=..."
         else:
             yield f"scenario: {path} = {item['input']!r}: {item['msg'].removeprefix('Value error, ')}"
+
+
+def _is_tag(part: str) -> bool:
+    """Return whether part of a path is pydantic's, which says what of a union it has tried."""
+    return part in KINDS or part.startswith(("constrained-", "literal["))
 
 
 def suggestion(path: str) -> str:

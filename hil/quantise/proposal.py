@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from dbc.codec import Codec
-from hil.constants import parameter_table
-from hil.errors import ScenarioError
+from hil.constants import constants_fit
 from hil.scenario import Scenario
 from hil.word_format import WordFormat, with_word
 
@@ -33,7 +32,7 @@ def propose(scenario: Scenario, codec: Codec, rows: Sequence[dict[str, Any]]) ->
             kb_fraction="fit",
             d_fraction=form.d_fraction,
         )
-        if _fits(chosen, codec):
+        if constants_fit(chosen, codec):
             return chosen
     return scenario
 
@@ -52,12 +51,3 @@ def changes(scenario: Scenario, chosen: Scenario, codec: Codec) -> dict[str, int
 def _spare(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> int:
     """Return how many bits all these signals could do without at the upper end."""
     return min(int(row["headroom_bits"]) for row in rows if row["name"] in names) - HEADROOM_BITS
-
-
-def _fits(scenario: Scenario, codec: Codec) -> bool:
-    try:
-        for joint in range(1, scenario.joints + 1):
-            parameter_table(scenario, joint, codec)
-    except ScenarioError:
-        return False
-    return True

@@ -1,5 +1,6 @@
 """What a person sees of a scenario at rest: 80 columns, a table a joint; and what it comes to."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -31,8 +32,9 @@ def show_rest(console: Console, found: Row) -> None:
         console.print(line, soft_wrap=True)
     if found["rest_not_fast"] is not None:
         console.print(f"not fast: {found['rest_not_fast']}", soft_wrap=True)
-    for refused in found["rest_refused"]:
-        console.print(f"not at rest: {refused['swept']}: {refused['cause']}", soft_wrap=True)
+    causes = Counter((refused["swept"], refused["cause"]) for refused in found["rest_refused"])
+    for (swept, cause), times in causes.items():
+        console.print(f"not at rest: {swept}: {cause}{f' ({times} x)' if times > 1 else ''}", soft_wrap=True)
 
 
 def summary(rows: Sequence[Row]) -> Iterator[str]:
@@ -46,6 +48,9 @@ def summary(rows: Sequence[Row]) -> Iterator[str]:
         yield f"joint {joint}: dominated by the {own[0]['dominant']}{finer}{of_d}"
     ratios = [row["ratio"] for row in rows]
     yield f"measured over predicted: {min(ratios):.2f} to {max(ratios):.2f} in {len(ratios)} cases"
+    if far := sum(not 0.5 <= ratio <= 2.0 for ratio in ratios):
+        yield f"beyond a factor of 2 in {far} of them: no prediction holds near the limit of"
+        yield "stability, and too little is measured where the torque that pushes is limited"
 
 
 def _table(console: Console, joint: int, rows: Sequence[Row]) -> None:

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dbc.codec import Codec
 from dbc.compiler import load_arm
-from hil.constants import parameter_table
-from hil.errors import ScenarioError
+from hil.constants import constants_fit
 from hil.evaluate import evaluate
 from hil.paper.frequency_response import mean_delays
 from hil.paper.sampled_loop import Array
@@ -155,7 +153,7 @@ def _slower(rig: Rig, extra_s: float) -> tuple[Scenario, Array]:
 def _fitting(at: At, fits: float, end: float) -> float:
     """Return the value nearest to the end whose parameters fit the joints' integers, from one on whose do."""
     codec = load_arm()
-    share = largest(lambda share: _fits(at(fits + share * (end - fits))[0], codec), 0.0, 1.0, FINE, 1.0).value
+    share = largest(lambda share: constants_fit(at(fits + share * (end - fits))[0], codec), 0.0, 1.0, FINE, 1.0).value
     return fits + (share or 0.0) * (end - fits)
 
 
@@ -195,13 +193,3 @@ def delayed(scenario: Scenario, extra_s: Array, jitter_s: Array) -> Scenario:
 
 def _with_joint(scenario: Scenario, **values: object) -> Scenario:
     return scenario.model_copy(update={"joint": scenario.joint.model_copy(update=values)})
-
-
-def _fits(scenario: Scenario, codec: Codec) -> bool:
-    """Return whether the parameters fit the joints' integers."""
-    try:
-        for joint in range(1, scenario.joints + 1):
-            parameter_table(scenario, joint, codec)
-    except ScenarioError:
-        return False
-    return True
