@@ -131,7 +131,7 @@ def test_a_worker_that_dies_ends_the_sweep_with_its_cure(hil, whole, children_of
     [
         (["quantisation", "--set", "joint.g_rads=3"], "unknown key joint.g_rads: did you mean joint.g_rad_s?", 3),
         (["quantisation", "--jobs", "2", "--scheduler", "a:1"], "a cluster has as many workers", 2),
-        (["quantisation", "--scheduler", "127.0.0.1:99999"], "scheduler 127.0.0.1:99999: ", 4),
+        (["quantisation", "--scheduler", "127.0.0.1:99999"], "scheduler '127.0.0.1:99999': write HOST:PORT", 4),
     ],
 )
 def test_what_cannot_be_begun_is_refused_and_leaves_nothing(hil, words, said, code):
