@@ -30,6 +30,8 @@ RC: dict[Any, Style] = {
     "svg": {"fonttype": "none", "hashsalt": "hil"},  # text stays text: to be found, and small
 }
 
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Of joints, and of whatever else is counted."""
 WITH: Style = {"label": "with observer", "color": "#0072B2", "linewidth": 1.4, "zorder": 3}
 WITHOUT: Style = {"label": "without observer", "color": "#D55E00", "linewidth": 1.4, "zorder": 2.5}
 WIDE, FINE = {"linewidth": 2.4}, {"linewidth": 0.6, "zorder": 2.2}

@@ -4,7 +4,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
 from errno import ENOTDIR
 from pathlib import Path
@@ -53,13 +53,17 @@ def check_new(path: Path) -> None:
         tempfile.TemporaryFile(dir=path.parent).close()
 
 
+def _explained(path: Path) -> AbstractContextManager[None]:
+    return explained(f"run folder {path}", "nothing was kept: choose another --out")
+
+
 @contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def explained(what: str, cure: str) -> Iterator[None]:
+    """Turn what the system refuses into an OutputError."""
     try:
         yield
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"run folder {path}: {reason}; nothing was kept: choose another --out") from None
+        raise OutputError(f"{what}: {error.strerror or error}; {cure}") from None
 
 
 def write_run(folder: Path, outcome: Outcome, evaluation: Evaluation | None, summary: dict[str, Any]) -> None:

@@ -3,7 +3,7 @@
 What it does not cover it refuses, with the reason: `quickest` then runs inline.
 """
 
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -102,7 +102,7 @@ def uncovered(scenario: Scenario) -> str:
 
 def loop_of(scenario: Scenario) -> engine.Loop:
     """Return the run of a scenario before it begins; raise ScenarioError, or Unsupported for words beyond 64 bits."""
-    codec = _codec()
+    codec = load_arm()
     joints, cycles = scenario.joints, scenario.cycles
     coulomb_Nm = np.zeros(MAX_JOINTS)
     coulomb_Nm[:joints] = scenario.arm.coulomb_N_m
@@ -125,12 +125,6 @@ def loop_of(scenario: Scenario) -> engine.Loop:
         current=rows(),
         estimate=rows(),
     )
-
-
-@cache
-def _codec() -> Codec:
-    """Return the database, read once: 20 ms, more than all the rest of a short run."""
-    return load_arm()
 
 
 def _robot(scenario: Scenario, codec: Codec) -> FlatRobot:

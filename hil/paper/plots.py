@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.figures import COMMAND, GRID, WIDTH_IN, WITH, WITHOUT, drawing, save
+from hil.figures import COLOURS, COMMAND, GRID, WIDTH_IN, WITH, WITHOUT, drawing, save
 from hil.paper.frequency_response import FrequencyResponse, dB
 from hil.paper.noise import Noise
 from hil.paper.robustness import Tolerated
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73")
 MARKS = ("o", "s", "^")
 
 

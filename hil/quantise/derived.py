@@ -17,6 +17,7 @@ from hil.assemble import arm_parameters, joint_trajectory
 from hil.constants import parameter_table
 from hil.evaluate import Array
 from hil.exact_constants import rad_per_count
+from hil.quantise.float_twin import FloatLaw
 from hil.scenario import Scenario
 from hil.word_format import WordFormat
 from plant.array_form import gravity, inertia
@@ -115,18 +116,16 @@ def derived(scenario: Scenario, joint: int, codec: Codec, limits: Limits) -> dic
     d' = (1 - KA) (d - KB dw) + KA i stays within what leaves it where it is.
     """
     form = WordFormat.of(scenario, codec)
-    ka, kb, kj, shift, limit = parameter_table(scenario, joint, codec)
-    ka_value, kb_value = ka * 0.5**form.ka_fraction, kb * 0.5**form.kb_places
+    law = FloatLaw.of_table(form, *parameter_table(scenario, joint, codec))
     count, period_s = rad_per_count(scenario), scenario.clock.period_s
     w = Interval.within(limits.speed[joint - 1] * period_s / count + FLOORED)
     dw = Interval.within(limits.acceleration[joint - 1] * period_s**2 / count + 2 * FLOORED)
     word = _word(form.bits, form.current_shift)
-    from_speed = (dw * kb_value).cut(_word(form.bits + form.kb_fraction, form.kb_places))
+    from_speed = (dw * law.kb).cut(_word(form.bits + form.kb_fraction, form.kb_places))
     a_ref = Interval(-BUS_WORD, BUS_WORD - 1).cut(_word(form.bits, form.acceleration_shift))
-    feed = a_ref * (kj * 0.5 ** form.kj_places(shift))
-    i = Interval.within(limit)
-    kept = 1.0 - ka_value
-    at_rest = i.bound + from_speed.bound * (kept / ka_value if ka_value else 0.0)
+    feed = a_ref * law.kj
+    i = Interval.within(law.limit)
+    at_rest = i.bound + from_speed.bound * ((1.0 - law.ka) / law.ka if law.ka else 0.0)
     behind = form.d_fraction
     d = Interval.within(at_rest + from_speed.bound).cut(_word(form.bits + behind, form.current_shift + behind))
     error = (i - d).cut(word)
@@ -140,5 +139,5 @@ def derived(scenario: Scenario, joint: int, codec: Codec, limits: Limits) -> dic
         "KJ*a_ref": feed,
         "i": i,
         "i-d": error,
-        "KA*(i-d)": error * ka_value,
+        "KA*(i-d)": error * law.ka,
     }

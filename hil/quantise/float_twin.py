@@ -15,7 +15,7 @@ from dbc.codec import Codec
 from hil.exact_constants import exact_constants
 from hil.node import Node
 from hil.quantise.signals import Raw
-from hil.quantise.tap import COLUMNS, with_own_step
+from hil.quantise.tap import COLUMNS, Step, with_own_step
 from hil.rig import directly
 from hil.scenario import Scenario
 from hil.wire.kernel import Kernel
@@ -119,6 +119,10 @@ class FloatSeats:
         """Let a node take part."""
         if node.name.startswith("joint"):
             joint = with_own_step(node)
-            law = FloatLaw.of(self._scenario, joint.number, self._codec)
-            joint.step = self.steps[joint.number] = FloatStep(law)
+            self.steps[joint.number] = FloatStep(FloatLaw.of(self._scenario, joint.number, self._codec))
+            joint.step = self.step_of(joint.number)
         directly(kernel, node)
+
+    def step_of(self, joint: int) -> Step:
+        """Return what plays joint 1 to n."""
+        return self.steps[joint]

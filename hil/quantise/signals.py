@@ -123,10 +123,9 @@ class TracedWords(Words):
 
     def whole(self, signal: int, d: int) -> int:
         """Keep it; of less than a count nothing is left."""
-        before = self.saturations[signal]
-        y = Words.whole(self, signal, d)
+        y, overflowed = self._counted(Words.whole, signal, d)
         lost = _lost(d, y, self.d_fraction, self.round_estimate)
-        return self._keep_as("estimate", y, self._overflow if self.saturations[signal] > before else lost)
+        return self._keep_as("estimate", y, self._overflow if overflowed else lost)
 
     def reference_current(self, x: int, shift: int) -> int:
         """Keep it."""
@@ -140,19 +139,23 @@ class TracedWords(Words):
 
     def acceleration_from_bus(self, signal: int, x: int) -> int:
         """Keep it."""
-        before = self.saturations[signal]
-        y = Words.acceleration_from_bus(self, signal, x)
+        y, overflowed = self._counted(Words.acceleration_from_bus, signal, x)
         lost = UNDERFLOWED if x != 0 and y == 0 else AS_IT_WAS
-        return self._keep_as("a_ref", y, self._overflow if self.saturations[signal] > before else lost)
+        return self._keep_as("a_ref", y, self._overflow if overflowed else lost)
 
     def current_to_bus(self, signal: int, x: int) -> int:
         """Say of the current, or the estimate, that was kept last that the bus has no room for it."""
-        before = self.saturations[signal]
-        y: int = Words.current_to_bus(self, signal, x)
-        if self.saturations[signal] > before:
+        y, overflowed = self._counted(Words.current_to_bus, signal, x)
+        if overflowed:
             kept = self.kept[SIGNALS[signal]]
             kept[-1] = kept[-1][0], self._overflow
         return y
+
+    def _counted(self, operation: Any, signal: int, x: int) -> tuple[int, bool]:
+        """Return what an operation does, and whether it counts that as an overflow."""
+        before = self.saturations[signal]
+        y: int = operation(self, signal, x)
+        return y, self.saturations[signal] > before
 
     @property
     def _overflow(self) -> int:

@@ -13,7 +13,7 @@ from firmware_py.joint_cpu import PARAMETERS_NAMES, SHIFT
 from hil.evaluate import Evaluation, evaluate
 from hil.exact_constants import rad_per_count
 from hil.quantise import signals
-from hil.quantise.closed_loop import closed_loop
+from hil.quantise.closed_loop import Loop, closed_loop
 from hil.quantise.derived import Interval, Limits, derived, physical_limits
 from hil.quantise.float_twin import FloatLaw, Values, open_loop
 from hil.quantise.measure import Reference, bits_used, measure
@@ -86,14 +86,16 @@ def _proposal(scenario: Scenario, codec: Codec, measured: Measured, progress: Pr
     A deviation may be larger by an encoder count: so much another limit cycle makes, in any format.
     """
     chosen = propose(scenario, codec, measured.rows)
-    again = measured_run(chosen, codec, progress)
+    formats = changes(scenario, chosen, codec)
+    again = measured_run(chosen, codec, progress) if formats else measured
+    before, after = (_largest_deviations(run, scenario.joints) for run in (measured, again))
     joints = [
         {
             "joint": joint,
             "sqnr_db": _of_signal(measured.rows, "i", joint)["sqnr_db"],
             "sqnr_proposed_db": _of_signal(again.rows, "i", joint)["sqnr_db"],
-            "max_deviation_rad": _largest_deviation(measured.evaluation, joint),
-            "max_deviation_proposed_rad": _largest_deviation(again.evaluation, joint),
+            "max_deviation_rad": before[joint - 1],
+            "max_deviation_proposed_rad": after[joint - 1],
         }
         for joint in range(1, scenario.joints + 1)
     ]
@@ -111,7 +113,7 @@ def _proposal(scenario: Scenario, codec: Codec, measured: Measured, progress: Pr
     }
     found = [reason for reason, holds in against.items() if holds]
     return {
-        "formats": changes(scenario, chosen, codec),
+        "formats": formats,
         "overflows": overflows,
         "joints": joints,
         "against": found,
@@ -127,8 +129,9 @@ def _of_signal(rows: list[dict[str, Any]], name: str, joint: int) -> dict[str, A
     return next(row for row in rows if (row["name"], row["joint"]) == (name, joint))
 
 
-def _largest_deviation(evaluation: Evaluation | None, joint: int) -> float | None:
-    return None if evaluation is None else float(np.max(np.abs(evaluation.deviation[:, joint - 1])))
+def _largest_deviations(run: Measured, joints: int) -> list[Any]:
+    """Return that of every joint, rad; None where the run never began."""
+    return [None] * joints if run.evaluation is None else Loop.of(run.evaluation).largest
 
 
 def _of_joint(scenario: Scenario, joint: int, codec: Codec, tap: Tap, limits: Limits) -> Iterator[dict[str, Any]]:

@@ -12,8 +12,7 @@ from firmware_py.dsp.cpu import DSP
 from hil.exact_constants import reference_of
 from hil.node import Node
 from hil.quantise.float_twin import FloatSeats, FloatStep
-from hil.quantise.tap import Heard
-from hil.rig import directly
+from hil.quantise.tap import Heard, Step
 from hil.scenario import Scenario
 from hil.wire.kernel import Kernel
 from plant.node import Plant
@@ -37,13 +36,12 @@ class UnroundedSeats(FloatSeats):
             node.control = Heard(node.control, self._accelerations)
         if isinstance(node, Plant):
             setattr(node.robot, "set_current", self._unrounded(node.robot))  # noqa: B010 (of this robot alone)
-        if not node.name.startswith("joint"):
-            directly(kernel, node)
-            return
         super().seat(kernel, node)
-        number = int(node.name.removeprefix("joint"))
-        scale = self._codec.scale(reference_of(number)[0], f"Joint{number}")
-        node.step = _Hearing(self.steps[number], self._accelerations, number - 1, scale)  # type: ignore[attr-defined]
+
+    def step_of(self, joint: int) -> Step:
+        """Return what plays joint 1 to n."""
+        scale = self._codec.scale(reference_of(joint)[0], f"Joint{joint}")
+        return _Hearing(self.steps[joint], self._accelerations, joint - 1, scale)
 
     def _unrounded(self, robot: Robot) -> Any:
         rounded = robot.set_current

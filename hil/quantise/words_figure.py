@@ -3,14 +3,13 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.figures import GRID, WIDTH_IN, drawing
+from hil.figures import COLOURS, GRID, WIDTH_IN, drawing
 from hil.timing.style import finish
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PANELS = {"max_deviation_rad": "largest, µrad", "final_deviation_rad": "last 100 ms (rms), µrad"}
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 KNEE: dict[str, Any] = {"color": "0.4", "linestyle": "--", "linewidth": 1.0}
 
 

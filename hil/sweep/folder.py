@@ -8,12 +8,12 @@ import fcntl
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from hil.errors import OutputError
-from hil.record import parquet
+from hil.record import explained, parquet
 from hil.sweep.table import sha256
 
 SWEEP, PARTS, RESULTS, SUMMARY = "sweep.toml", "parts", "results.parquet", "sweep.json"
@@ -45,15 +45,8 @@ def sweep_folder(path: Path, text: str) -> Iterator["Folder"]:
         os.close(held)
 
 
-@contextmanager
-def _explained(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(
-            f"sweep folder {path}: {reason}; what it holds is whole: mend it, or take another --out"
-        ) from None
+def _explained(path: Path) -> AbstractContextManager[None]:
+    return explained(f"sweep folder {path}", "what it holds is whole: mend it, or take another --out")
 
 
 def _hold(path: Path, held: int) -> None:

@@ -8,23 +8,11 @@ import mujoco
 import pytest
 
 from plant.parameters import DEFAULT_ARM, ArmParameters
+from tests.plant.arms import arm_by_chance
 
 
 def _random_arm(joints: int, seed: int) -> ArmParameters:
-    draw = Random(seed)
-
-    def column(low: float, high: float) -> tuple[float, ...]:
-        return tuple(draw.uniform(low, high) for _ in range(joints))
-
-    return ArmParameters(
-        length_m=column(0.1, 0.5),
-        mass_kg=column(0.3, 4.0),
-        rotor_inertia_kgm2=column(0.0, 1.0),
-        viscosity_Nms=column(0.0, 2.0),
-        coulomb_Nm=column(0.0, 4.0),
-        torque_constant_Nm_A=column(1.0, 10.0),
-        brake_torque_Nm=column(10.0, 60.0),
-    )
+    return arm_by_chance(Random(seed), joints)
 
 
 def _mjcf(arm: ArmParameters, payload_kg: float, step_s: float) -> str:

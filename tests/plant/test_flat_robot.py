@@ -17,24 +17,20 @@ from plant.parameters import MAX_JOINTS, ArmParameters
 from plant.rigid_body import RigidBody
 from plant.robot import Robot
 from plant.stick_slip import StickSlip
+from tests.plant.arms import arm_by_chance
 
 MS = 1_000_000
 
 
 def drawn_arm(draw: Random, joints: int, lag_s: float = 0.0) -> ArmParameters:
-    def column(low: float, high: float) -> tuple[float, ...]:
-        return tuple(draw.uniform(low, high) for _ in range(joints))
-
-    return ArmParameters(
-        length_m=column(0.1, 0.5),
-        mass_kg=column(0.3, 4.0),
-        rotor_inertia_kgm2=column(0.0, 1.0),
-        viscosity_Nms=column(0.0, 2.0),
-        coulomb_Nm=tuple(draw.choice((0.0, c)) for c in column(0.1, 4.0)),
-        torque_constant_Nm_A=column(1.0, 10.0),
-        brake_torque_Nm=tuple(draw.choice((0.0, c)) for c in column(1.0, 60.0)),
-        ripple=tuple(draw.choice((0.0, c)) for c in column(0.0, 0.1)),
-        ripple_order=column(1.0, 60.0),
+    """An arm by chance, some of its joints without friction, brake or ripple."""
+    arm = arm_by_chance(draw, joints)
+    return replace(
+        arm,
+        coulomb_Nm=tuple(draw.choice((0.0, c)) for c in arm.coulomb_Nm),
+        brake_torque_Nm=tuple(draw.choice((0.0, c)) for c in arm.brake_torque_Nm),
+        ripple=tuple(draw.choice((0.0, draw.uniform(0.0, 0.1))) for _ in range(joints)),
+        ripple_order=tuple(draw.uniform(1.0, 60.0) for _ in range(joints)),
         amplifier_lag_s=lag_s,
     )
 
