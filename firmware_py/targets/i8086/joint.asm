@@ -16,7 +16,7 @@
         cpu     8086
         bits    16
 
-ENCODER equ     10h                     ; position counter, u16         these three ports stand in
+ENCODER equ     10h                     ; position counter, u16         these ports stand in
 DAC     equ     12h                     ; current reference, i16        for the CAN controller
 PIC     equ     20h                     ; interrupt controller
 END_OF_INTERRUPT equ 20h
@@ -24,9 +24,8 @@ END_OF_INTERRUPT equ 20h
 ; ------------------------------------------------------------------------------------------------ data, from DS:0 on
         absolute 0
 
-count:          resw    1               ; u16   position counter
-count_prev:     resw    1               ; u16   state: the one before
-w_prev:         resw    1               ; Q15.0 state: speed before
+count_prev:     resw    1               ; u16   state: position counter of the sample before
+w_prev:         resw    1               ; Q15.0 state: its speed
 d:              resw    2               ; Q15.16 state: disturbance estimate, low word first
 a_ref:          resw    1               ; Q15.0 acceleration reference, put here by whoever received it
 ka:             resw    1               ; Q0.15 the table of parameters
@@ -42,13 +41,12 @@ kb_dw_over:     resw    1               ; u16, wrap: saturations by signal
 d_over:         resw    1
 i_over:         resw    1
 error_over:     resw    1
-data_end:
 
 ; ------------------------------------------------------------------------------------------------ code, from CS:0 on
         section .text
         org     0
 
-        dw      interrupt, step         ; where to enter
+        dw      interrupt, step, saturating     ; where to enter; where the straight line ends
 
 ; Entered through the vector of the encoder's interrupt, interrupts off. Keeps all registers.
 interrupt:
@@ -56,28 +54,24 @@ interrupt:
         push    bx
         push    cx
         push    dx
-        push    si
         push    di
         in      ax,ENCODER
-        mov     [count],ax
         call    step
         mov     ax,[i]
         out     DAC,ax
         mov     al,END_OF_INTERRUPT
         out     PIC,al
         pop     di
-        pop     si
         pop     dx
         pop     cx
         pop     bx
         pop     ax
         iret
 
-; The control step: 3 multiplications, 6 additions, then the saturations out of line. Loses AX, BX, CX, DX, SI, DI.
-; Where nothing saturates and shift is 16 or less, all but the loop is one straight line.
+; The control step: AX = count; 3 multiplications, 6 additions. Loses AX, BX, CX, DX, DI.
+; Where nothing saturates and shift is 16 or less, all but the loop is one straight line: what is rare is behind it.
 step:
 ; w = wrap(count - count_prev)                                                  addition 1
-        mov     ax,[count]
         mov     bx,ax
         sub     ax,[count_prev]
         mov     [count_prev],bx
@@ -141,19 +135,20 @@ limited:
 ; d = saturate_d(d + (ka * error << 1))                                         multiplication 3, addition 6
 deviated:
         imul    word [ka]
-        mov     si,[d]
-        add     si,ax                   ; twice in place of once doubled, which 33 bits may need: -32768 * -32768;
+        mov     cx,[d]
+        add     cx,ax                   ; twice in place of once doubled, which 33 bits may need: -32768 * -32768;
         adc     di,dx                   ; both have one sign, so what is over stays over
         jo      d_saturates_at_last
-        add     si,ax
+        add     cx,ax
         adc     di,dx
         jo      d_saturates_at_last
-        mov     [d],si
+        mov     [d],cx
 stored:
         mov     [d+2],di
         ret
 
 ; ------------------------------------------------------------------------------------------------ where it saturates
+saturating:
 
 ; The product's sign is DX's: 7FFFh or 8000h.
 kb_dw_saturates:
@@ -217,4 +212,3 @@ error_saturates:
         mov     ax,dx
         xor     ax,8000h
         jmp     deviated
-code_end:
