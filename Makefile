@@ -15,7 +15,7 @@ setup: $(STAMP)
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[fast,report,sweep,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[fast,i8086,report,sweep,test]'
 	touch $(STAMP)
 
 format: setup

@@ -29,6 +29,7 @@ from hil.errors import ScenarioError, failed
 from hil.exact_constants import rad_per_count, reference_of
 from hil.node import Node
 from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario
+from hil.scenario_joint import I8086, PYTHON
 from hil.scenario_parts import to_ns
 from hil.word_format import words_of
 from plant.contact import Compliance
@@ -275,25 +276,28 @@ def arm_model(scenario: Scenario) -> ArmModel:
 
 
 def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
-    """Return joint 1 to n, or the user's own controller in its place."""
-    cpu = _cpu_class(scenario.cpu(number), number)
-    words = words_of(scenario, codec)
-    status = _status(scenario, codec, number)
-    reference = reference_of(number)
+    """Return joint 1 to n: the firmware, on the CPU that the scenario names, or the user's own controller."""
+    words, status, reference = words_of(scenario, codec), _status(scenario, codec, number), reference_of(number)
     times_ns = scenario.period_ns, scenario.compute_ns(number)
+    arguments = number, words, codec, crc16, status, reference, *times_ns
+    cpu = scenario.cpu(number)
     if (error_ppb := scenario.crystal_ppb(number)) is not None:
-        phase_ns = to_ns(scenario.of_joint(number, "crystal_phase_s"))
-        return FreeRunning(number, words, codec, crc16, status, reference, *times_ns, error_ppb, phase_ns)
+        return FreeRunning(*arguments, error_ppb, to_ns(scenario.of_joint(number, "crystal_phase_s")))
+    if cpu == PYTHON:
+        return JointCPU(*arguments)
+    if cpu == I8086:
+        from hil.i8086.joint import Joint8086, make_board  # and what executes it
+
+        return Joint8086(make_board(), scenario.of_joint(number, "clock_hz"), *arguments)
+    own = _own_cpu(cpu, number)
     try:
-        return cpu(number, words, codec, crc16, status, reference, *times_ns)
+        return own(*arguments)
     except Exception as error:
         raise failed(f"joint{number}", error) from error
 
 
-def _cpu_class(cpu: str, number: int) -> Callable[..., Node]:
-    """Find what plays a joint; it is called as firmware_py.joint_cpu.JointCPU is."""
-    if cpu == "python":
-        return JointCPU
+def _own_cpu(cpu: str, number: int) -> Callable[..., Node]:
+    """Find the user's class; it is called as firmware_py.joint_cpu.JointCPU is."""
     module_name, _, class_name = cpu.partition(":")
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
@@ -302,7 +306,7 @@ def _cpu_class(cpu: str, number: int) -> Callable[..., Node]:
     except (Exception, SystemExit) as error:
         raise ScenarioError(
             f"joint{number}.cpu = {cpu!r}: {type(error).__name__}: {error}; "
-            "write python, or package.module:Class of a class that can be imported"
+            f"write {PYTHON}, {I8086}, or package.module:Class of a class that can be imported"
         ) from None
     lacking = [name for name in CALLS if not callable(getattr(found, name, None))]
     if not isinstance(found, type) or lacking:

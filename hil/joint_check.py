@@ -5,7 +5,8 @@ Raises ScenarioError with the key, its value, the limit and the cure.
 
 from hil.errors import ScenarioError
 from hil.scenario import Scenario
-from hil.scenario_joint import CLOCK_HZ, INTERRUPT_CLOCKS, Joint, OneJoint
+from hil.scenario_joint import CLOCK_HZ, I8086, INTERRUPT_CLOCKS, PYTHON, Joint, OneJoint
+from hil.scenario_word import Word
 
 
 def check_clocks(scenario: Scenario) -> None:
@@ -22,6 +23,30 @@ def check_clocks(scenario: Scenario) -> None:
                 f"{name}.compute_s = {part.compute_s} beside {', '.join(given)}: the computing time is either "
                 "compute_s or clocks / clock_hz: leave one of them out"
             )
+
+
+def check_machine_code(scenario: Scenario) -> None:
+    """Refuse a joint of machine code with a computing time or formats that are not the code's own."""
+    for joint in range(1, scenario.joints + 1):
+        if scenario.cpu(joint) == I8086:
+            _check_machine_code(scenario, joint)
+
+
+def _check_machine_code(scenario: Scenario, joint: int) -> None:
+    named = f"joint{joint}: cpu = {I8086!r}"
+    given = {"compute_s": scenario.of_joint(joint, "compute_s"), "clocks": scenario.of_joint(joint, "clocks")}
+    for key, usual in (("compute_s", None), ("clocks", INTERRUPT_CLOCKS)):
+        if given[key] != usual:
+            raise ScenarioError(
+                f"{named} with {key} = {given[key]}: its computing time is the clocks that its machine code takes over "
+                f"clock_hz: leave {key} out"
+            )
+    if scenario.joint.word != Word():
+        changed = [f"{key} = {value}" for key, value in scenario.joint.word if value != getattr(Word(), key)]
+        raise ScenarioError(
+            f"{named} with joint.word.{', joint.word.'.join(changed)}: its machine code is of the default formats: "
+            f"leave them out, or take cpu = {PYTHON!r}"
+        )
 
 
 def check_crystals(scenario: Scenario) -> None:
@@ -41,9 +66,9 @@ def _check_crystal(scenario: Scenario, joint: int) -> None:
             f"{named} with clock.kind = {scenario.clock.kind!r}, bus.fidelity = {scenario.bus.fidelity!r}: a timer of "
             "its own drifts in virtual time, against frames that take some: take 'virtual' and 'bits', or leave it out"
         )
-    if scenario.cpu(joint) != "python":
+    if scenario.cpu(joint) != PYTHON:
         raise ScenarioError(
-            f"{named} with cpu = {scenario.cpu(joint)!r}: only 'python' has a timer of its own to sample by; "
+            f"{named} with cpu = {scenario.cpu(joint)!r}: only {PYTHON!r} has a timer of its own to sample by; "
             "leave one of them out"
         )
     period_s = scenario.clock.period_s / (1 + ppm * 1e-6)

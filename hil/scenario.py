@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from hil.errors import ScenarioError
-from hil.scenario_joint import Joint, OneJoint
+from hil.scenario_joint import I8086, Joint, OneJoint
 from hil.scenario_parts import (
     Angle,
     Duration,
@@ -270,6 +270,10 @@ class Scenario(Part):
 
     def compute_ns(self, joint: int) -> int:
         """Return the computing time of joint 1 to n: as given, or by its processor; its own keys go first."""
+        if self.cpu(joint) == I8086:
+            from hil.i8086.straight_line import declared_clocks
+
+            return to_ns(declared_clocks(self, joint) / self.of_joint(joint, "clock_hz"))
         own = self.own(joint)
         given_s = own.compute_s
         if given_s is None and own.clock_hz is None and own.clocks is None:

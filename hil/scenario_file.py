@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import ScenarioError
-from hil.joint_check import check_clocks, check_crystals
+from hil.joint_check import check_clocks, check_crystals, check_machine_code
 from hil.scenario import Model, Scenario, check_interval
 from hil.scenario_parts import to_ns
 from hil.wire.fault import check_faults
@@ -175,6 +175,7 @@ def check(scenario: Scenario) -> None:
     """Refuse what no single key shows: lengths, rates, times that do not fit together."""
     _check_lengths(scenario)
     check_clocks(scenario)
+    check_machine_code(scenario)
     _check_rates(scenario)
     check_crystals(scenario)
     _check_faults(scenario)

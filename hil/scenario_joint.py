@@ -19,6 +19,8 @@ Ref: Intel 8086 instruction timing tables (Intel 8086 Family User's Manual 1979)
 """
 CLOCK_HZ = 8e6
 """Of the 8086-2."""
+PYTHON, I8086 = "python", "i8086"
+"""What plays a joint: firmware_py.joint_cpu as it is, or with its step as machine code, whose clocks are counted."""
 
 
 class Joint(Part):
@@ -36,7 +38,7 @@ class Joint(Part):
     """From the sample to the Current being queued; default: clocks / clock_hz."""
     clock_hz: Hertz = CLOCK_HZ
     clocks: Clocks = INTERRUPT_CLOCKS
-    cpu: str = "python"
+    cpu: str = PYTHON
     crystal_ppm: Ppm | None = None
     """Error of a timer of the joint's own that it samples by; default: none, it samples on each Encoder frame."""
     crystal_phase_s: Time = 0.0
@@ -50,6 +52,6 @@ class OneJoint(Part):
     clock_hz: Hertz | None = None
     clocks: Clocks | None = None
     cpu: str | None = None
-    """`python`, or `package.module:Class` of a user's own controller."""
+    """`python`, `i8086`, or `package.module:Class` of a user's own controller."""
     crystal_ppm: Ppm | None = None
     crystal_phase_s: Time | None = None

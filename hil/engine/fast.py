@@ -18,6 +18,7 @@ from hil.engine.flat_dsp import FlatDsp, flat_dsp
 from hil.engine.functional_run import FunctionalRun, functional, inline
 from hil.exact_constants import rad_per_count
 from hil.scenario import Arm, Clock, Dsp, Scenario
+from hil.scenario_joint import PYTHON
 from hil.word_format import words_of
 from plant.compiled import machine_code_of
 from plant.external import ExternalTorque, changes
@@ -91,7 +92,7 @@ def uncovered(scenario: Scenario) -> str:
         f"clock.kind = {scenario.clock.kind!r}": scenario.clock.kind != "virtual",
         "wire.faults": bool(scenario.wire.faults),
         "a joint's own crystal": any(scenario.crystal_ppb(joint) is not None for joint in joints),
-        "a joint's own cpu": any(scenario.cpu(joint) != "python" for joint in joints),
+        "a joint's own cpu": any(scenario.cpu(joint) != PYTHON for joint in joints),
         f"clock.setup_cycles = {scenario.clock.setup_cycles}, which may end before all joints are ready": (
             scenario.clock.setup_cycles < SETUP_CYCLES_A_JOINT * scenario.joints + SETUP_MARGIN
         ),

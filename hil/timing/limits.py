@@ -19,6 +19,7 @@ from hil.paper.sampled_loop import Array
 from hil.paper.stability import FAILED_RAD, failed, inertias_along, why_failed, worst_radius
 from hil.rig import run_inline
 from hil.scenario import Scenario
+from hil.scenario_joint import I8086, PYTHON
 from hil.timing.search import Largest, largest
 
 CEILING_PERIODS = 3
@@ -95,7 +96,7 @@ def _without_theory(scenario: Scenario) -> str:
         return f"dsp.law = {scenario.dsp.law!r}: the theory is that of the acceleration law"
     if not scenario.joint.observer:
         return "joint.observer = false: the theory is that of the observer"
-    own = [n for n in range(1, scenario.joints + 1) if scenario.cpu(n) != "python"]
+    own = [n for n in range(1, scenario.joints + 1) if scenario.cpu(n) not in (PYTHON, I8086)]
     if own:
         return f"joint{own[0]}.cpu = {scenario.cpu(own[0])!r}: the theory knows the paper's law only"
     if scenario.drive.lag_s:

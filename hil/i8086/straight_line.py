@@ -1,0 +1,44 @@
+"""Clocks without executing: where nothing saturates, the control step is one straight line but for a loop.
+
+The loop's rounds are the parameter `shift` alone, so an interrupt takes what an idle one of that shift does, and what
+its three multiplications take more. The interpreter counted the idle one.
+"""
+
+from functools import lru_cache
+
+from dbc.compiler import load_arm
+from firmware_py.joint_cpu import SHIFT, SIGNALS
+from firmware_py.words import Words
+from hil.constants import parameter_table
+from hil.i8086.clocks import MULTIPLY_MOST, multiply
+from hil.i8086.interpreted_board import InterpretedBoard
+from hil.scenario import Scenario
+
+MULTIPLICATIONS = 3
+
+
+@lru_cache(maxsize=1)
+def _board() -> InterpretedBoard:
+    return InterpretedBoard()
+
+
+def executed_clocks(*given: int) -> int:
+    """Return the clocks of any interrupt, by executing it. given: the arguments of the control step."""
+    _board().step(Words(16, len(SIGNALS)), *given)
+    return _board().clocks
+
+
+@lru_cache(maxsize=64)
+def _clocks_but_multiplications(shift: int) -> int:
+    return executed_clocks(*(0,) * 8, shift, 0) - MULTIPLICATIONS * multiply(0, 0)
+
+
+def straight_clocks(shift: int, *operands: tuple[int, int]) -> int:
+    """Return the clocks of an interrupt in which nothing saturates, by the operands (AX, word) of its IMULs."""
+    return _clocks_but_multiplications(shift) + sum(multiply(ax & 0xFFFF, by & 0xFFFF) for ax, by in operands)
+
+
+def declared_clocks(scenario: Scenario, joint: int) -> int:
+    """Return the most clocks of an interrupt of joint 1 to n in which nothing saturates."""
+    shift = parameter_table(scenario, joint, load_arm())[SHIFT]
+    return _clocks_but_multiplications(shift) + MULTIPLICATIONS * MULTIPLY_MOST
