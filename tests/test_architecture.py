@@ -42,6 +42,7 @@ ONLY_IN = {
     "distributed": {"hil/sweep/crew.py"},
     "pyarrow": {"hil/record.py"},
     "numba": {"plant/compiled.py"},
+    "unicorn": {"hil/i8086/unicorn_board.py"},
     "pymunk": {"plant/pymunk_links.py", "plant/world.py"},
     "pickle": set(),
 }

@@ -19,7 +19,7 @@ class Joint8086(JointCPU):
     """
 
     def __init__(self, board: Board, clock_hz: float, *arguments: Any) -> None:
-        super().__init__(*arguments)
+        JointCPU.__init__(self, *arguments)
         self.board = board
         self.clock_hz = clock_hz
         self.step = self._step
@@ -39,7 +39,7 @@ class Joint8086(JointCPU):
     def report(self) -> dict[str, Any]:
         """Counters by cause; clocks of a control interrupt: least, mean and most."""
         mean = self.clocks / max(self.steps, 1)
-        return {**super().report(), "clocks": {"least": self.least_clocks, "mean": mean, "most": self.most_clocks}}
+        return {**JointCPU.report(self), "clocks": {"least": self.least_clocks, "mean": mean, "most": self.most_clocks}}
 
 
 def make_board() -> Board:

@@ -54,7 +54,7 @@ def engine_of(pages: mmap.mmap, read: Callable[[int], int], write: Callable[[int
     import unicorn
     from unicorn import x86_const as x86
 
-    engine = unicorn.Uc(unicorn.UC_ARCH_X86, unicorn.UC_MODE_16)
+    engine: Any = unicorn.Uc(unicorn.UC_ARCH_X86, unicorn.UC_MODE_16)
     address = ctypes.addressof(ctypes.c_char.from_buffer(pages))
     engine.mem_map_ptr(0, image.END, unicorn.UC_PROT_ALL, address)
     for register, value in (
