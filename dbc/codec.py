@@ -22,18 +22,18 @@ class CodecError(ValueError):
 
 
 class MessageCodec:
-    """One message: its name, identifier, length in bytes, and signals without the CRC."""
+    """One message: its name, identifier, length in bytes, signals without the CRC and their formats, as of struct."""
 
     __slots__ = (
         "_factors",
-        "_formats",
         "_pack",
-        "_protected",
         "_register",
         "_unpack",
+        "formats",
         "identifier",
         "length",
         "name",
+        "protected",
         "signals",
     )
 
@@ -42,13 +42,13 @@ class MessageCodec:
         self.name = name
         self.identifier = identifier
         self.signals = tuple(signal for signal, _, _ in layout)
-        self._formats = "".join(code for _, code, _ in layout)
+        self.formats = "".join(code for _, code, _ in layout)
         self._factors = {signal: factor for signal, _, factor in layout}
-        payload = struct.Struct("<" + self._formats)
+        payload = struct.Struct("<" + self.formats)
         self.length = payload.size + protected
         self._pack = payload.pack
         self._unpack = payload.unpack_from
-        self._protected = protected
+        self.protected = protected
         self._register = crc8_register(identifier.to_bytes(2, "big"))
 
     def pack(self, *values: int) -> bytes:
@@ -57,7 +57,7 @@ class MessageCodec:
             payload = self._pack(*values)
         except struct.error:
             raise self._refusal(values) from None
-        if not self._protected:
+        if not self.protected:
             return payload
         table = CRC8_TABLE
         register = self._register
@@ -69,7 +69,7 @@ class MessageCodec:
         """Return the raw values, or None if the length or the CRC is wrong."""
         if len(data) != self.length:
             return None
-        if self._protected:
+        if self.protected:
             table = CRC8_TABLE
             register = self._register
             for byte in data:
@@ -89,7 +89,7 @@ class MessageCodec:
         if len(values) != len(self.signals):
             wanted = ", ".join(self.signals)
             return CodecError(f"message {self.name} takes {len(self.signals)} values ({wanted}), got {len(values)}")
-        for signal, code, value in zip(self.signals, self._formats, values, strict=True):
+        for signal, code, value in zip(self.signals, self.formats, values, strict=True):
             low, high = _RANGES[code]
             if not hasattr(value, "__index__"):
                 return CodecError(

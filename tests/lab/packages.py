@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -85,14 +86,25 @@ def _depends_on_image() -> str:
 
 def unpacked(package: str, parts: str = "") -> Path:
     """Return the folder with the files of a package, fetched the first time; `parts` names the row of PARTS."""
-    folder = cache() / package
-    if not folder.is_dir():
+
+    def fetch(scratch: Path) -> None:
         print(f"lab: fetching {package}", flush=True)
-        cache().mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=cache()) as scratch:
-            _fetch(package, Path(scratch), PARTS.get(parts, ["*"]))
-            with suppress(FileExistsError):
+        _fetch(package, scratch, PARTS.get(parts, ["*"]))
+
+    return kept(cache() / package, fetch)
+
+
+def kept(folder: Path, make: Callable[[Path], None]) -> Path:
+    """Return a folder of the cache, whole; the first time `make` makes it, as `files` in a folder to work in."""
+    if not folder.is_dir():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder.parent) as scratch:
+            make(Path(scratch))
+            try:
                 (Path(scratch) / "files").rename(folder)
+            except OSError:
+                if not folder.is_dir():  # where it is, somebody else has made it meanwhile
+                    raise
     return folder
 
 
@@ -100,8 +112,12 @@ def _fetch(package: str, scratch: Path, parts: list[str]) -> None:
     """Download a package into a folder and unpack it beside itself, in `files`."""
     ask("apt-get", "-o", "APT::Sandbox::User=root", "download", package, cwd=scratch)
     (archive,) = scratch.glob("*.deb")
-    files = scratch / "files"
-    files.mkdir()
+    unpack(archive, scratch / "files", parts)
+
+
+def unpack(archive: Path, files: Path, parts: Sequence[str] = ("*",)) -> None:
+    """Unpack parts of a package into a folder."""
+    files.mkdir(exist_ok=True)
     with subprocess.Popen(["dpkg-deb", "--fsys-tarfile", archive], stdout=subprocess.PIPE) as reader:
         tar = ["tar", "-x", "-C", str(files), "--no-same-owner", "--wildcards", *parts]
         unpacking = subprocess.run(tar, stdin=reader.stdout, stderr=subprocess.PIPE, text=True, check=False)
