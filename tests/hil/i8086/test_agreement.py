@@ -7,9 +7,10 @@ import pytest
 
 from firmware_py.joint_cpu import SIGNALS
 from firmware_py.words import Words
-from hil.i8086.board import Board
+from hil.i8086.board import COUNTED, Board
 from hil.i8086.interpreted_board import InterpretedBoard
 from hil.i8086.unicorn_board import UnicornBoard
+from tests import micropython
 from tests.hil.i8086 import agreement
 from tests.hil.i8086.agreement import Rows
 
@@ -52,6 +53,13 @@ def test_numba(rows: Rows, answers: Rows) -> None:
 
 def test_the_interpreter(rows: Rows, answers: Rows, interpreted: tuple[Rows, list[int]]) -> None:
     assert agreement.difference(rows, interpreted[0], answers) == ""
+
+
+def test_micropython(rows: Rows, answers: Rows) -> None:
+    answered, saturated = micropython.steps(rows)
+    found = np.concatenate([answered, saturated[:, list(COUNTED)]], axis=1)
+    assert agreement.difference(rows, found, answers) == ""
+    assert saturated.sum() == found[:, 4:].sum()
 
 
 def test_unicorn(rows: Rows, answers: Rows) -> None:
