@@ -1,4 +1,4 @@
-"""`make bench`: how fast rig, wire, timing analysis and fast engine run on this machine, and where the time goes.
+"""`make bench`: how fast rig, wire, analysis, fast engine and machine code run here, and where the time goes.
 
 Figures are medians over several runs of simulated seconds per wall second (recording on, `bits`); a wall clock is read
 nowhere else to judge speed, and no test does.
@@ -20,6 +20,7 @@ from rich.table import Table
 from hil import bench_scaling, scenario_file
 from hil.addresses import restart_at_fixed_addresses
 from hil.bench_engine import show_engine
+from hil.bench_i8086 import show_i8086
 from hil.bench_plot import write_plot
 from hil.bench_timing import show_timing
 from hil.bench_wire import show_wire
@@ -129,6 +130,7 @@ def main() -> int:
     reached &= show_wire(console)
     reached &= show_timing(console)
     reached &= show_engine(console)
+    reached &= show_i8086(console)
     costs = bench_scaling.measure()
     reached &= bench_scaling.show_scaling(console, costs)
     if plot is not None:

@@ -27,6 +27,16 @@ REFUSED = {
     "joint2.crystal_ppm=1 joint.cpu=examples.pd_joint:SpeedDamping": r"crystal_ppm = 1 with cpu = 'examples.pd_",
     "joint2.crystal_phase_s=1e-4": r"joint2.crystal_phase_s without a timer: set joint2.crystal_ppm, too",
     "joint2.crystal_ppm=-100 joint2.crystal_phase_s=0.0011": r"crystal_phase_s 0.0011 s is not below the timer",
+    "joint.cpu=i8086 joint.compute_s=0.0001": r"joint1: cpu = 'i8086' with compute_s = 0.0001: .* leave compute_s out",
+    "joint3.cpu=i8086 joint3.clocks=900": r"joint3: cpu = 'i8086' with clocks = 900: .* its machine code takes over",
+    "joint2.cpu=i8086 joint.word.bits=12 joint.word.overflow=wrap": (
+        r"joint2: cpu = 'i8086' with joint.word.bits = 12, joint.word.overflow = wrap: .* or take cpu = 'python'"
+    ),
+    "joint2.cpu=i8086 joint2.crystal_ppm=100": r"joint2: crystal_ppm = 100 with cpu = 'i8086': only 'python' has",
+    "joint.cpu=i8086 joint.clock_hz=4e6": r"frames of one cycle need .* leaves 1000 us: raise .* or compute faster",
+    "joint.cpu=i8086 joint.clock_hz=1e6": r"joint1: compute_s = 0.00112\d+ is not below clock.period_s = 0.001",
+    "joint.cpu=i8086 joint.g_rad_s=1000": r"joint.g_rad_s = 1000.0 .* g T = 1.000 must stay below 1",
+    "joint1.cpu=i8088": r"joint1.cpu = 'i8088': ModuleNotFoundError: .* write python, i8086, or package.module:Class",
     "joint.crystal_ppm=10000 joint.compute_s=0.000991": r"time 0.000991 s is not below .* period of 0.000990099 s",
 }
 
