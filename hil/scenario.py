@@ -269,11 +269,14 @@ class Scenario(Part):
         return getattr(self.joint, key) if own is None else own
 
     def compute_ns(self, joint: int) -> int:
-        """Return the computing time of joint 1 to n: as given, or by its processor; its own keys go first."""
-        if self.cpu(joint) == I8086:
-            from hil.i8086.straight_line import declared_clocks
+        """Return the computing time of joint 1 to n, if need be the longest: as given, or by its processor.
 
-            return to_ns(declared_clocks(self, joint) / self.of_joint(joint, "clock_hz"))
+        Its own keys go first. Machine code has longer ones than this where something saturates.
+        """
+        if self.cpu(joint) == I8086:
+            from hil.i8086.straight_line import most_clocks
+
+            return to_ns(most_clocks(self, joint) / self.of_joint(joint, "clock_hz"))
         own = self.own(joint)
         given_s = own.compute_s
         if given_s is None and own.clock_hz is None and own.clocks is None:
@@ -281,6 +284,14 @@ class Scenario(Part):
         if given_s is not None:
             return to_ns(given_s)
         return to_ns(self.of_joint(joint, "clocks") / self.of_joint(joint, "clock_hz"))
+
+    def least_compute_ns(self, joint: int) -> int:
+        """Return the shortest computing time of joint 1 to n."""
+        if self.cpu(joint) != I8086:
+            return self.compute_ns(joint)
+        from hil.i8086.straight_line import least_clocks
+
+        return to_ns(least_clocks(self, joint) / self.of_joint(joint, "clock_hz"))
 
     def cpu(self, joint: int) -> str:
         """Return what plays joint 1 to n."""

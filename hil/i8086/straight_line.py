@@ -38,7 +38,11 @@ def straight_clocks(shift: int, *operands: tuple[int, int]) -> int:
     return _clocks_but_multiplications(shift) + sum(multiply(ax & 0xFFFF, by & 0xFFFF) for ax, by in operands)
 
 
-def declared_clocks(scenario: Scenario, joint: int) -> int:
+def most_clocks(scenario: Scenario, joint: int) -> int:
     """Return the most clocks of an interrupt of joint 1 to n in which nothing saturates."""
-    shift = parameter_table(scenario, joint, load_arm())[SHIFT]
-    return _clocks_but_multiplications(shift) + MULTIPLICATIONS * MULTIPLY_MOST
+    return least_clocks(scenario, joint) + MULTIPLICATIONS * MULTIPLY_MOST
+
+
+def least_clocks(scenario: Scenario, joint: int) -> int:
+    """Return the least clocks of an interrupt of joint 1 to n: what saturates takes longer."""
+    return _clocks_but_multiplications(parameter_table(scenario, joint, load_arm())[SHIFT])

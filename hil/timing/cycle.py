@@ -34,7 +34,8 @@ EVER = 1 << 62
 class Slot:
     """One frame of every cycle: how long it is, in ns without intermission, and when it is released.
 
-    after: the frame that its sender answers, delay_ns behind its end; None: delay_ns behind the cycle's start.
+    after: the frame that its sender answers, delay_ns behind its end; None: delay_ns behind the cycle's start. It may
+    come up to sooner_ns before.
     free: by a clock of its own instead, at any time, once a period.
     """
 
@@ -45,6 +46,7 @@ class Slot:
     delay_ns: int = 0
     after: str | None = None
     free: bool = False
+    sooner_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ class _Cycle:
         """Find when each is released, and starts, at the earliest; latest_ns is that of the round before."""
         for bound in self._in_turn:
             slot = bound.slot
-            bound.earliest_ns = slot.delay_ns
+            bound.earliest_ns = slot.delay_ns - slot.sooner_ns
             if slot.after is not None:
                 before = self._by_name[slot.after]
                 bound.earliest_ns += before.starts_ns + before.slot.shortest_ns
@@ -134,7 +136,7 @@ class _Cycle:
     def settle_latest(self) -> None:
         """Find when each is released, and ends, at the latest: from below, until nothing changes."""
         for bound in self.ranked:
-            bound.latest_ns = self.timing.period_ns if bound.slot.free else bound.earliest_ns
+            bound.latest_ns = self.timing.period_ns if bound.slot.free else bound.earliest_ns + bound.slot.sooner_ns
             bound.end_ns = bound.starts_ns + bound.slot.shortest_ns
         changed = True
         while changed:
@@ -211,4 +213,4 @@ def _never_before(slot: Slot, other: Slot) -> bool:
     """Return whether a frame is never released before another: it answers it, or the same one no sooner."""
     if slot.free or other.free or slot.after is None:
         return False
-    return slot.after == other.name or (slot.after == other.after and slot.delay_ns >= other.delay_ns)
+    return slot.after == other.name or (slot.after == other.after and slot.delay_ns - slot.sooner_ns >= other.delay_ns)

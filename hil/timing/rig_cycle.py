@@ -25,7 +25,8 @@ Spans = Mapping[str, tuple[int, int]]
 
 @dataclass(frozen=True)
 class Cycle:
-    """What sends when, at any bit rate. compute_ns: of each joint; dsp_ns: of the DSP; free: joints by own timers.
+    """What sends when, at any bit rate. compute_ns: of each joint, at the most; dsp_ns: of the DSP; free: joints by own
+    timers; sooner_ns: by which a joint may have computed before.
 
     The Current of such a joint may push a State beyond the cycle: both are then taken to come at any time.
     """
@@ -34,6 +35,7 @@ class Cycle:
     compute_ns: tuple[int, ...]
     dsp_ns: int
     free: frozenset[int] = frozenset()
+    sooner_ns: tuple[int, ...] = ()
 
     @property
     def joints(self) -> int:
@@ -64,11 +66,16 @@ class Cycle:
         for name, (shortest_ns, longest_ns) in spans.items():
             identifier = identifiers[f"{STATUS}_0" if name == STATUS else name]
             delay_ns, after = self._released(name, tail_ns)
-            free = self._is_free(name)
-            found.append(
-                Slot(name, identifier, shortest_ns, longest_ns, 0 if free else delay_ns, None if free else after, free)
-            )
+            if self._is_free(name):
+                found.append(Slot(name, identifier, shortest_ns, longest_ns, free=True))
+            else:
+                sooner_ns = self._sooner_ns(name)
+                found.append(Slot(name, identifier, shortest_ns, longest_ns, delay_ns, after, sooner_ns=sooner_ns))
         return found
+
+    def _sooner_ns(self, name: str) -> int:
+        kind, _, number = name.partition("_")
+        return self.sooner_ns[int(number) - 1] if kind == "Current" and self.sooner_ns else 0
 
     def _released(self, name: str, tail_ns: int) -> tuple[int, str | None]:
         """Return (delay, behind which frame) of a slot's release."""
@@ -93,7 +100,8 @@ def cycle_of(scenario: Scenario) -> Cycle:
     joints = range(1, scenario.joints + 1)
     compute_ns = tuple(scenario.compute_ns(n) for n in joints)
     free = frozenset(n for n in joints if scenario.crystal_ppb(n) is not None)
-    return Cycle(scenario.period_ns, compute_ns, to_ns(scenario.dsp.compute_s), free)
+    sooner_ns = tuple(most_ns - scenario.least_compute_ns(n) for n, most_ns in enumerate(compute_ns, 1))
+    return Cycle(scenario.period_ns, compute_ns, to_ns(scenario.dsp.compute_s), free, sooner_ns)
 
 
 def worst_spans(joints: int, rates: Rates) -> dict[str, tuple[int, int]]:
@@ -124,7 +132,7 @@ def by_joints(cycle: Cycle, data_bit_ns: int) -> list[dict[str, Any]]:
     slowest_ns = max(cycle.compute_ns)
     found = []
     for joints in range(1, JOINTS + 1):
-        other = replace(cycle, compute_ns=(slowest_ns,) * joints, free=frozenset())
+        other = replace(cycle, compute_ns=(slowest_ns,) * joints, free=frozenset(), sooner_ns=())
         rates = {"lowest_bitrate": lowest_bitrate(other), "lowest_bitrate_fd": lowest_bitrate(other, data_bit_ns)}
         found.append({"joints": joints, **rates})
     return found

@@ -136,7 +136,8 @@ def _slots(drawn: random.Random) -> list[Slot]:
         longest = shortest + drawn.choice([0, drawn.randint(0, 40)])
         after = drawn.choice(slots).name if slots and drawn.random() < 0.5 else None
         delay = drawn.randint(0, 60) if after else drawn.choice([0, drawn.randint(0, 500), drawn.randint(800, 950)])
-        slots.append(Slot(f"m{k}", ranks[k], shortest, longest, delay, after))
+        sooner = drawn.choice([0, drawn.randint(0, delay)])
+        slots.append(Slot(f"m{k}", ranks[k], shortest, longest, delay, after, sooner_ns=sooner))
     for k in range(drawn.choice([0, 0, 1, 2, 3])):
         slots.append(Slot(f"free{k}", ranks[10 + k], 5, drawn.randint(5, 90), free=True))
     return slots
@@ -145,8 +146,14 @@ def _slots(drawn: random.Random) -> list[Slot]:
 def _cycles(slots, drawn, phases, cycles):
     """Play cycles on a bus in its barest form; return (name, cycle, released, ended) of every frame."""
     by_name = {each.name: each for each in slots}
-    starts = {each.name: phases[each.name] if each.free else each.delay_ns for each in slots if not each.after}
-    coming = [(1000 * cycle + at, name, cycle) for cycle in range(cycles) for name, at in starts.items()]
+
+    def delayed(each):
+        if each.free:
+            return phases[each.name]
+        return each.delay_ns - (each.sooner_ns and drawn.choice([0, each.sooner_ns, drawn.randint(0, each.sooner_ns)]))
+
+    first = [each for each in slots if not each.after]
+    coming = [(1000 * cycle + delayed(each), each.name, cycle) for cycle in range(cycles) for each in first]
     coming.sort()
     waiting: list[tuple[int, int, str, int]] = []
     found = []
@@ -163,5 +170,5 @@ def _cycles(slots, drawn, phases, cycles):
         now = ended + REST
         for each in slots:
             if each.after == name:
-                heappush(coming, (ended + each.delay_ns, each.name, cycle))
+                heappush(coming, (ended + delayed(each), each.name, cycle))
     return found
