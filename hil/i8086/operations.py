@@ -6,6 +6,7 @@ XOR and the shifts, and IMUL keeps SF, ZF, AF and PF.
 Ref: Intel 8086 Family User's Manual 1979, tables 2-8, 2-9.
 """
 
+from hil.i8086.clocks import WIDEN_MOST
 from hil.i8086.clocks import multiply as multiply_clocks
 from hil.i8086.state import AF, AX, CF, DX, OF, PF, SF, ZF, State
 
@@ -65,17 +66,17 @@ def exclusive_or(state: State, a: int, b: int) -> int:
 
 def increment(state: State, a: int) -> int:
     """Return a + 1; CF stays."""
-    carry = state.flags & CF
-    word = add(state, a, 1)
-    state.flags = state.flags & ~CF | carry
+    word = a + 1 & 0xFFFF
+    overflow = OF if word == 0x8000 else 0
+    state.flags = state.flags & (OTHERS | CF) | _SIGN_ZERO_PARITY[word] | (a ^ word) & AF | overflow
     return word
 
 
 def decrement(state: State, a: int) -> int:
     """Return a - 1; CF stays."""
-    carry = state.flags & CF
-    word = subtract(state, a, 1)
-    state.flags = state.flags & ~CF | carry
+    word = a - 1 & 0xFFFF
+    overflow = OF if a == 0x8000 else 0
+    state.flags = state.flags & (OTHERS | CF) | _SIGN_ZERO_PARITY[word] | (a ^ word) & AF | overflow
     return word
 
 
@@ -120,4 +121,6 @@ def multiply(state: State, by: int) -> None:
 
 def widen(state: State) -> None:
     """Fill DX with the sign of AX."""
-    state.registers[DX] = 0xFFFF if state.registers[AX] & 0x8000 else 0
+    negative = state.registers[AX] >> 15
+    state.registers[DX] = 0xFFFF * negative
+    state.clocks += WIDEN_MOST * negative
