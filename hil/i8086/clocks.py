@@ -1,4 +1,4 @@
-"""The clocks that the 8086's manual documents, by form of instruction, and those of IMUL and CWD by their operands.
+"""The clocks that the 8086's manual documents, by form of instruction, with those of IMUL by its operands.
 
 They leave out what is waiting for: instruction bytes that are not yet fetched, and wait states. A form is named by its
 opcode, without a register in its low bits, and the operation that ModRM has: "83.7" is CMP of a word and a signed byte.
@@ -61,9 +61,6 @@ BASED = (7, 8, 8, 7, 5, 5, 5, 5)
 """Of an address by ModRM's r/m: BX+SI, BX+DI, BP+SI, BP+DI, SI, DI, BP, BX."""
 DISPLACED = 4
 """A displacement in addition to them."""
-
-WIDEN_MOST = 1
-"""A CWD of a negative AX takes more than one of any other, on silicon; the manual has the least alone."""
 
 MULTIPLY_MOST = 29
 """More than the least, with which IMUL stands above."""

@@ -6,7 +6,6 @@ XOR and the shifts, and IMUL keeps SF, ZF, AF and PF.
 Ref: Intel 8086 Family User's Manual 1979, tables 2-8, 2-9.
 """
 
-from hil.i8086.clocks import WIDEN_MOST
 from hil.i8086.clocks import multiply as multiply_clocks
 from hil.i8086.state import AF, AX, CF, DX, OF, PF, SF, ZF, State
 
@@ -121,6 +120,4 @@ def multiply(state: State, by: int) -> None:
 
 def widen(state: State) -> None:
     """Fill DX with the sign of AX."""
-    negative = state.registers[AX] >> 15
-    state.registers[DX] = 0xFFFF * negative
-    state.clocks += WIDEN_MOST * negative
+    state.registers[DX] = 0xFFFF if state.registers[AX] & 0x8000 else 0

@@ -6,7 +6,7 @@ Ref: Intel 8086 Family User's Manual 1979, tables 4-12, 4-13.
 from collections.abc import Callable
 
 from hil.i8086 import operations
-from hil.i8086.clocks import FORMS, MULTIPLY_MOST, ODD_WORD, WIDEN_MOST
+from hil.i8086.clocks import FORMS, MULTIPLY_MOST, ODD_WORD
 from hil.i8086.decoded import Decoded, Decoder, Execute, UnknownForm, group_form, opcode_form, plain
 from hil.i8086.operands import Operand, Read, by_modrm, direct, register, signed_byte, word_at
 from hil.i8086.state import AX, State
@@ -107,7 +107,7 @@ def _step_register(code: bytes, _segment: int | None) -> Decoded:
 
 
 def _widen(_code: bytes, _segment: int | None) -> Decoded:
-    return plain("99", 1, operations.widen)._replace(most=WIDEN_MOST)
+    return plain("99", 1, operations.widen)
 
 
 def _move(code: bytes, segment: int | None) -> Decoded:

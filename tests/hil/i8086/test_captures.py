@@ -6,8 +6,8 @@ from functools import cache
 from hil.i8086.bounds import reachable
 from hil.i8086.clocks import FORMS
 from hil.i8086.decoded import BRANCH, Decoded
+from hil.i8086.image import CODE, INTERRUPT
 from tests.hil.i8086.captures import PORTS, Capture, Replay, captures, decoded
-from tests.hil.i8086.joint_code import CODE, INTERRUPT
 
 CHECKED = 9000
 """150 captures of each of 58 forms, and of INC and DEC with a second register."""
@@ -32,6 +32,8 @@ TOLERANCES = {
     "CMP of memory and immediate": (1, 2),
     # It has one more.
     "NEG of memory, IMUL by memory": (-1, 0),
+    # Silicon takes one more where AX is negative.
+    "CWD": (0, 1),
     # The clocks of IMUL are a fit: one too few in 2 of these 41.
     "IMUL by a register": (0, 1),
     # The queue is full from an even address, with no fetch in the way.
@@ -51,6 +53,7 @@ OF_MEMORY = {
 OF_REGISTERS = {
     **dict.fromkeys(("81.0", "81.5", "81.7", "C7"), "immediate word to a register"),
     "50": "PUSH",
+    "99": "CWD",
     "E8": "CALL",
     "E9": "JMP",
     "EB": "JMP",
@@ -115,8 +118,8 @@ def test_the_joint_has_these_forms() -> None:
 
 
 def test_all_of_the_joints_code_can_be_reached() -> None:
-    """So no form hides in a part that was not looked at. The header has two words."""
-    assert sum(decoded.length for decoded in reachable(CODE, INTERRUPT).values()) == len(CODE) - 4
+    """So no form hides in a part that was not looked at."""
+    assert sum(decoded.length for decoded in reachable(CODE, INTERRUPT).values()) == len(CODE) - INTERRUPT
 
 
 def test_every_form_of_the_joint_is_captured_or_a_port_instruction() -> None:
