@@ -65,17 +65,17 @@ def exclusive_or(state: State, a: int, b: int) -> int:
 
 def increment(state: State, a: int) -> int:
     """Return a + 1; CF stays."""
-    carry = state.flags & CF
-    word = add(state, a, 1)
-    state.flags = state.flags & ~CF | carry
+    word = a + 1 & 0xFFFF
+    overflow = OF if word == 0x8000 else 0
+    state.flags = state.flags & (OTHERS | CF) | _SIGN_ZERO_PARITY[word] | (a ^ word) & AF | overflow
     return word
 
 
 def decrement(state: State, a: int) -> int:
     """Return a - 1; CF stays."""
-    carry = state.flags & CF
-    word = subtract(state, a, 1)
-    state.flags = state.flags & ~CF | carry
+    word = a - 1 & 0xFFFF
+    overflow = OF if a == 0x8000 else 0
+    state.flags = state.flags & (OTHERS | CF) | _SIGN_ZERO_PARITY[word] | (a ^ word) & AF | overflow
     return word
 
 
