@@ -69,12 +69,24 @@ def result(found: Result, folder: Path | None) -> None:
         _real_time(console, summary["real_time"])
     for name, counted in summary.get("samples", {}).items():
         console.print(f"samples of {name}, by its own timer: {_causes(counted)}", soft_wrap=True)
+    for name, clocks in summary.get("clocks", {}).items():
+        console.print(f"{name}, an 8086: {_clocks(clocks)}", soft_wrap=True)
     for key in ("lost_frames_by_cause", "deadline_misses_by_cause", "saturations_by_signal"):
         causes = ", ".join(f"{cause}: {count}" for cause, count in summary[key].items() if count)
         if causes:
             console.print(f"{key.replace('_', ' ')}: {causes}", soft_wrap=True)
     if folder is not None:
         console.print(f"run folder: {folder}", soft_wrap=True)
+
+
+def _clocks(counted: dict[str, Any]) -> str:
+    """Return the clocks of its control interrupt, and what they are in us."""
+    MHz = counted["clock_hz"] * 1e-6
+    us = [counted[key] / MHz for key in ("least", "most")]
+    return (
+        f"{counted['least']} to {counted['most']} clocks an interrupt, {counted['mean']:.1f} in the mean: "
+        f"{us[0]:.1f} to {us[1]:.1f} us at {MHz:g} MHz"
+    )
 
 
 def _real_time(console: Console, figures: dict[str, Any]) -> None:

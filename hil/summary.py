@@ -68,6 +68,7 @@ def summarise(outcome: Outcome, evaluation: Evaluation | None, startup_s: float)
         **({} if evaluation is None else world(evaluation)),
         **real_time(outcome),
         **samples(outcome),
+        **machine_code(outcome),
         **({"missed_grasps": outcome.reports["plant"]["missed_grasps"]} if scenario.has_world else {}),
         "processes": {name: report["process"] for name, report in outcome.reports.items() if "process" in report},
         "platform": f"Python {platform.python_version()}, {' '.join(platform.libc_ver())}, {platform.machine()}",
@@ -138,6 +139,16 @@ def samples(outcome: Outcome) -> dict[str, Any]:
         for name, each in reports.items()
     }
     return {"samples": counted} if counted else {}
+
+
+def machine_code(outcome: Outcome) -> dict[str, Any]:
+    """Return the clocks of a control interrupt of each joint of machine code, and its clock; nothing without any."""
+    counted = {
+        name: report["clocks"] | {"clock_hz": outcome.scenario.of_joint(int(name.removeprefix("joint")), "clock_hz")}
+        for name, report in outcome.reports.items()
+        if "clocks" in report
+    }
+    return {"clocks": counted} if counted else {}
 
 
 def faults(outcome: Outcome) -> list[dict[str, Any]]:

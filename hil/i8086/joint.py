@@ -38,7 +38,7 @@ class Joint8086(JointCPU):
 
     def report(self) -> dict[str, Any]:
         """Counters by cause; clocks of a control interrupt: least, mean and most."""
-        mean = self.clocks / max(self.steps, 1)
+        mean = round(self.clocks / max(self.steps, 1), 3)
         return {**JointCPU.report(self), "clocks": {"least": self.least_clocks, "mean": mean, "most": self.most_clocks}}
 
 

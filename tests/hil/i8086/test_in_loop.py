@@ -1,5 +1,6 @@
 """Joints of machine code in the rig: the Python joints' frames, given the clocks that the machine code took."""
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -86,7 +87,7 @@ def test_frames_are_the_python_joints_given_the_clocks(name: str, clock_hz: floa
         assert not same(machine.log, run_inline(python).log)
 
 
-def test_processes_make_the_same_frames(tmp_path: Any) -> None:  # noqa: ARG001
+def test_processes_make_the_same_frames() -> None:
     scenario = load("paper-joint", [*SHORT, "joint.cpu=i8086", "joint.clock_hz=5e6"])
     inline, processes = run_inline(scenario), run_processes(scenario, "arm")
     assert same(inline.log, processes.log)
@@ -99,6 +100,17 @@ def test_one_joint_may_be_of_machine_code_among_others() -> None:
     assert [name for name, report in mixed.reports.items() if "clocks" in report] == ["joint2"]
     clocks = mixed.reports["joint2"]["clocks"]
     assert 1000 < clocks["least"] < clocks["mean"] < clocks["most"]
+
+
+def test_the_summary_has_the_clocks_of_each_joint_of_machine_code(hil: Any) -> None:
+    words = [word for setting in (*SHORT, "joint2.cpu=i8086", "joint.clock_hz=5e6") for word in ("--set", setting)]
+    (found,) = json.loads(hil.run("run", "--inline", "--json", *words).stdout)["clocks"].items()
+    name, clocks = found
+    assert (name, clocks["clock_hz"]) == ("joint2", 5e6)
+    told = hil.run("run", "--inline", *words).stdout
+    least, most, mean = clocks["least"], clocks["most"], clocks["mean"]
+    us = f"{least / 5:.1f} to {most / 5:.1f} us at 5 MHz"
+    assert f"joint2, an 8086: {least} to {most} clocks an interrupt, {mean:.1f} in the mean: {us}\n" in told
 
 
 def test_without_unicorn_the_frames_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
