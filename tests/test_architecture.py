@@ -25,7 +25,7 @@ OUTSIDE = {
 ONLY_IN = {
     "cantools": {"dbc/compiler.py"},
     "matplotlib": {
-        "hil/bench_plot.py",
+        "hil/bench/plot.py",
         "hil/figures.py",
         "hil/paper/plots.py",
         "hil/quantise/rest_figure.py",

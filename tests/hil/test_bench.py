@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from hil import bench_scaling, bench_timing
-from hil.bench_clients import Case
-from hil.bench_nodes import ACCELREF, ANSWERS, CURRENTS, ENCODERS, FRAMES_A_CYCLE, SYNC
-from hil.bench_plot import write_plot
-from hil.bench_wire import BUSES
+from hil.bench import scaling, timing
+from hil.bench.clients import Case
+from hil.bench.nodes import ACCELREF, ANSWERS, CURRENTS, ENCODERS, FRAMES_A_CYCLE, SYNC
+from hil.bench.plot import write_plot
+from hil.bench.wire import BUSES
 from hil.timing.response_time import response_times, utilisation
 
 CYCLES = 20
@@ -35,29 +35,29 @@ def test_every_frame_is_sent_by_one_node() -> None:
 
 
 @pytest.mark.parametrize("everyone", [False, True])
-@pytest.mark.parametrize("kind", bench_scaling.BATCHES)
+@pytest.mark.parametrize("kind", scaling.BATCHES)
 def test_every_kind_of_client_can_be_measured(kind: str, everyone: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(bench_scaling.BATCHES, kind, 5)
-    assert bench_scaling.cost_us(Case(kind, 3, everyone, 1.0)) > 0.0
+    monkeypatch.setitem(scaling.BATCHES, kind, 5)
+    assert scaling.cost_us(Case(kind, 3, everyone, 1.0)) > 0.0
 
 
 def test_a_cost_in_proportion_to_those_that_accept_is_no_excess() -> None:
-    costs = {case: 7.0 * case.acceptors for case in bench_scaling.cases()}
-    assert set(bench_scaling.excesses(costs).values()) == {1.0}
-    worst = Case("timed", bench_scaling.CLIENTS[-1], True, bench_scaling.USUAL_LOAD)
-    assert bench_scaling.excesses(costs | {worst: 3.0 * costs[worst]})[worst] == 3.0
+    costs = {case: 7.0 * case.acceptors for case in scaling.cases()}
+    assert set(scaling.excesses(costs).values()) == {1.0}
+    worst = Case("timed", scaling.CLIENTS[-1], True, scaling.USUAL_LOAD)
+    assert scaling.excesses(costs | {worst: 3.0 * costs[worst]})[worst] == 3.0
 
 
 def test_the_plot_is_a_png(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    write_plot({case: 7.0 * case.acceptors for case in bench_scaling.cases()}, tmp_path / "new" / "scaling.png")
+    write_plot({case: 7.0 * case.acceptors for case in scaling.cases()}, tmp_path / "new" / "scaling.png")
     assert (tmp_path / "new" / "scaling.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("load", bench_timing.LOADS)
+@pytest.mark.parametrize("load", timing.LOADS)
 def test_the_analysis_is_measured_on_as_many_messages_as_it_says_at_the_load_that_it_says(load: float) -> None:
     """Bits of whole ns: within 1 % of the load. All have bounds, so that nothing was cut short."""
-    messages, bit_ns = bench_timing.drawn(load)
+    messages, bit_ns = timing.drawn(load)
     assert len(messages) == 100
     assert float(utilisation(messages)) == pytest.approx(load, rel=0.01)
     assert all(each.bound_ns is not None for each in response_times(messages, bit_ns))

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.addresses import fixed_addresses
-from hil.bench_clients import BIT_NS, Case, Sender, acceptors
+from hil.bench.clients import BIT_NS, Case, Sender, acceptors
 from hil.drive import RUN_IS_OVER, Direct
 from hil.errors import NodeError
 from hil.processes import START_S, one_cpu
@@ -82,7 +82,7 @@ def _serve(case: Case, kernel: Kernel) -> Iterator[tuple[Server, int]]:
     server = Server([Bus(listener, kernel)], (), lambda _name, _waited_s: None)
     words = [case.kind, str(case.clients), str(int(case.everyone)), str(case.load), listener.channel]
     with fixed_addresses():
-        process = subprocess.Popen([sys.executable, "-m", "hil.bench_clients", *words])
+        process = subprocess.Popen([sys.executable, "-m", "hil.bench.clients", *words])
     try:
         deadline = time.monotonic() + START_S
         while len(server.timed) + len(server.observers) < case.clients:

@@ -119,7 +119,7 @@ def payload(identifier: int, count: int) -> bytes:
 
 
 def main() -> None:
-    """Play one node as a process of its own: `python -m hil.bench_nodes NAME CHANNEL`."""
+    """Play one node as a process of its own: `python -m hil.bench.nodes NAME CHANNEL`."""
     name, channel = sys.argv[1:]
     node = Trivial(name)
     connection, _ = client.join(channel, name, True, 0, node.wakes_on, node.stores)

@@ -142,7 +142,7 @@ def _answer(connection: Connection) -> None:
 
 
 def main() -> None:
-    """Play all clients of a case: `python -m hil.bench_clients KIND CLIENTS EVERYONE LOAD CHANNEL`."""
+    """Play all clients of a case: `python -m hil.bench.clients KIND CLIENTS EVERYONE LOAD CHANNEL`."""
     kind, clients, everyone, load, channel = sys.argv[1:]
     serve_all(join_all(Case(kind, int(clients), bool(int(everyone)), float(load)), channel))
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from heapq import heappop, heappush
 
 from hil.addresses import fixed_addresses
-from hil.bench_nodes import Frame, Timeless
+from hil.bench.nodes import Frame, Timeless
 from hil.processes import one_cpu
 
 _RECORD = struct.Struct("<IB8s")
@@ -43,7 +43,7 @@ class NaiveServer:
 
     def _start(self, name: str, cycles: int) -> None:
         ours, theirs = socket.socketpair()
-        command = [sys.executable, "-m", "hil.bench_naive", name, str(cycles), str(theirs.fileno())]
+        command = [sys.executable, "-m", "hil.bench.naive", name, str(cycles), str(theirs.fileno())]
         self.processes.append(subprocess.Popen(command, pass_fds=[theirs.fileno()]))
         self.sockets.append(ours)
         theirs.close()
@@ -87,7 +87,7 @@ def run_naive(names: Sequence[str], cycles: int) -> tuple[float, list[int]]:
 
 
 def main() -> None:
-    """Play one node: `python -m hil.bench_naive NAME CYCLES DESCRIPTOR`."""
+    """Play one node: `python -m hil.bench.naive NAME CYCLES DESCRIPTOR`."""
     name, cycles, descriptor = sys.argv[1:]
     node = Timeless(name, int(cycles))
     bus = socket.socket(fileno=int(descriptor))

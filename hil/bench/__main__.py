@@ -17,13 +17,14 @@ from statistics import median
 from rich.console import Console
 from rich.table import Table
 
-from hil import bench_scaling, scenario_file
+from hil import scenario_file
 from hil.addresses import restart_at_fixed_addresses
-from hil.bench_engine import show_engine
-from hil.bench_i8086 import show_i8086
-from hil.bench_plot import write_plot
-from hil.bench_timing import show_timing
-from hil.bench_wire import show_wire
+from hil.bench import scaling
+from hil.bench.engine import show_engine
+from hil.bench.i8086 import show_i8086
+from hil.bench.plot import write_plot
+from hil.bench.timing import show_timing
+from hil.bench.wire import show_wire
 from hil.processes import run_processes
 from hil.rig import run_inline
 from hil.scenario import Scenario
@@ -131,8 +132,8 @@ def main() -> int:
     reached &= show_timing(console)
     reached &= show_engine(console)
     reached &= show_i8086(console)
-    costs = bench_scaling.measure()
-    reached &= bench_scaling.show_scaling(console, costs)
+    costs = scaling.measure()
+    reached &= scaling.show_scaling(console, costs)
     if plot is not None:
         write_plot(costs, plot)
         console.print(f"plotted: {plot}")

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hil.bench_clients import Case
-from hil.bench_scaling import BATCHES, CLIENTS, LOADS, USUAL_CLIENTS, USUAL_LOAD, Costs
+from hil.bench.clients import Case
+from hil.bench.scaling import BATCHES, CLIENTS, LOADS, USUAL_CLIENTS, USUAL_LOAD, Costs
 from hil.errors import MissingExtraError
 from hil.figures import RC
 

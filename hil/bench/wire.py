@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.addresses import fixed_addresses
-from hil.bench_naive import run_naive
-from hil.bench_nodes import ANSWERS, FRAMES_A_CYCLE, PERIOD_NS, Timeless, Trivial
+from hil.bench.naive import run_naive
+from hil.bench.nodes import ANSWERS, FRAMES_A_CYCLE, PERIOD_NS, Timeless, Trivial
 from hil.drive import RUN_IS_OVER, Direct
 from hil.errors import NodeError
 from hil.processes import START_S, one_cpu
@@ -76,7 +76,7 @@ def _serve(kernel: Kernel) -> Iterator[tuple[Server, list[int]]]:
     """Serve a channel on which every node has joined."""
     listener = Listener(f"bench-{os.getpid()}")
     server = Server([Bus(listener, kernel)], NAMES, lambda _name, _waited_s: None)
-    command = [sys.executable, "-m", "hil.bench_nodes"]
+    command = [sys.executable, "-m", "hil.bench.nodes"]
     with fixed_addresses():
         nodes = [subprocess.Popen([*command, name, listener.channel]) for name in NAMES]
     try:
