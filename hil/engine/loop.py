@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_py.joint_cpu import SIGNALS, make_step
+from firmware_py.joint_cpu import PARAMETERS_NAMES, SIGNALS, make_step
 from firmware_py.words import Words
 from hil.engine.flat_dsp import FlatDsp, answer
 from plant.flat_dynamics import Floats, Ints
@@ -24,7 +24,7 @@ WORDS = np.dtype(
 )
 """What the operations of the words read and write."""
 
-TABLE = ("ka", "kb", "kj", "shift", "current_limit")
+TABLE = tuple(name.lower() for name in PARAMETERS_NAMES)
 """A joint's parameter table, in its order."""
 JOINT = np.dtype([(name, np.int64) for name in (*TABLE, "count_prev", "w_prev", "d", "a_ref")])
 
