@@ -1,6 +1,6 @@
 """What the bytes of an instruction mean, wherever they stand.
 
-Ref: Intel 8086 Family User's Manual 1979, tables 4-12, 4-13.
+Ref: Intel 8086 Family User's Manual 1979, chapter 4, machine instruction encoding and decoding.
 Not implemented: what the joint CPU's code has no use for, as bytes in memory, strings, far calls and division.
 """
 

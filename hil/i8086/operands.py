@@ -1,6 +1,6 @@
 """Where an instruction's word is: a register, or memory by ModRM.
 
-Ref: Intel 8086 Family User's Manual 1979, tables 2-20, 4-8 to 4-10.
+Ref: Intel 8086 Family User's Manual 1979, chapter 4, machine instruction encoding and decoding.
 """
 
 from collections.abc import Callable

@@ -3,7 +3,7 @@
 Each takes the state and words, sets flags, and returns the word. Flags that the 8086 leaves undefined: AF is cleared by
 XOR and the shifts, and IMUL keeps SF, ZF, AF and PF.
 
-Ref: Intel 8086 Family User's Manual 1979, tables 2-8, 2-9.
+Ref: Intel 8086 Family User's Manual 1979, chapter 2, instruction set.
 """
 
 from hil.i8086.clocks import multiply as multiply_clocks

@@ -1,6 +1,6 @@
 """What an 8086 holds and reaches: registers, flags, 1 MiB of memory, ports, and the running totals.
 
-Ref: Intel 8086 Family User's Manual 1979, section 2.
+Ref: Intel 8086 Family User's Manual 1979, chapter 2.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Instructions that compute with words, or move them.
 
-Ref: Intel 8086 Family User's Manual 1979, tables 4-12, 4-13.
+Ref: Intel 8086 Family User's Manual 1979, chapter 4, machine instruction encoding and decoding.
 """
 
 from collections.abc import Callable

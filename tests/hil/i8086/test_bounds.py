@@ -104,6 +104,7 @@ RET = b"\xc3"
         pytest.param(b"\xa1\x03\x00" + RET, (), (30, 30, 2, 2), id="an odd word"),
         pytest.param(b"\x8b\x07" + RET, (), (29, 33, 2, 2), id="mov ax,[bx]: who knows"),
         pytest.param(b"\x01\x07" + RET, (), (37, 45, 2, 2), id="add [bx],ax: read and written"),
+        pytest.param(b"\x03\x07" + RET, (), (30, 34, 2, 2), id="add ax,[bx]: read"),
         pytest.param(b"\x2e\x8b\x07" + RET, (), (31, 35, 2, 2), id="with a prefix"),
         pytest.param(b"\xf7\xeb" + RET, (), (143, 172, 2, 2), id="imul bx"),
         pytest.param(b"\x70\x01\x99" + RET, (), (25, 32, 2, 3), id="jo over cwd: 4 + 5 + 16, or taken 16 + 16"),

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from hil.i8086.clocks import INTERRUPT, MULTIPLY_MOST, multiply
 from hil.i8086.interpreter import Interpreter, MachineCodeError
-from hil.i8086.state import AF, AX, BX, CF, CS, CX, DI, DS, DX, ES, MEMORY_BYTES, OF, PF, SF, SI, SP, SS, ZF
+from hil.i8086.state import AF, AX, BP, BX, CF, CS, CX, DI, DS, DX, ES, MEMORY_BYTES, OF, PF, SF, SI, SP, SS, ZF
 
 CODE_AT = 0x100
 MEMORY = bytearray(MEMORY_BYTES)
@@ -96,6 +96,11 @@ def test_differences(code: bytes, with_borrow: bool, kept: bool, a: int, b: int,
     half = a % 16 < b % 16 + less
     assert cpu.registers[AX] == (result if kept else a)
     assert cpu.flags & ALL == flags_of(result, a < b + less, half, not fits(signed(a) - signed(b) - less))
+
+
+@given(a=words, b=st.integers(-128, 127))
+def test_a_byte_in_place_of_an_immediate_word_keeps_its_sign(a: int, b: int) -> None:
+    assert stepped(bytes((0x83, 0xE8, b & 0xFF)), ax=a).registers[AX] == (a - b) % 0x10000
 
 
 @given(a=words)
@@ -220,18 +225,48 @@ def test_a_word_at_the_end_of_its_segment_wraps_to_its_beginning() -> None:
     assert cpu.registers[AX] == 0xABCD
 
 
-def test_a_word_past_the_end_of_memory_is_at_its_beginning() -> None:
-    cpu = cpu_with(b"\xa3\x0f\x00", ax=0xABCD)
+@pytest.mark.parametrize(("offset", "places"), [(0x0F, (0xFFFFF, 0)), (0x10, (0, 1))])
+def test_a_word_past_the_end_of_memory_is_at_its_beginning(offset: int, places: tuple[int, int]) -> None:
+    cpu = cpu_with(bytes((0xA3, offset, 0)), ax=0xABCD)
     cpu.segments[DS] = 0xFFFF
     cpu.step()
-    assert (MEMORY[0xFFFFF], MEMORY[0]) == (0xCD, 0xAB)
+    assert [MEMORY[place] for place in places] == [0xCD, 0xAB]
 
 
-def test_an_offset_of_two_registers_wraps() -> None:
-    cpu = cpu_with(b"\x8b\x40\x02", bx=0xFFF0, si=0x0010)
-    MEMORY[0x20002:0x20004] = b"\x34\x12"
+MODES = ("bx si 7", "bx di 8", "bp si 8", "bp di 7", "si 5", "di 5", "bp 5", "bx 5")
+"""By ModRM's r/m: registers that add up, and documented clocks, 4 more with a displacement."""
+NUMBERS = {"bx": BX, "bp": BP, "si": SI, "di": DI}
+
+
+@given(rm=st.integers(0, 7), mode=st.integers(0, 2), displacement=words, values=st.lists(words, min_size=4, max_size=4))
+def test_addresses_by_modrm(rm: int, mode: int, displacement: int, values: list[int]) -> None:
+    """MOV of DX to there; the stack segment where BP has a part, and BP without displacement is none."""
+    direct = mode == 0 and rm == 6
+    code = bytes((0x89, mode << 6 | DX << 3 | rm)) + displacement.to_bytes(2, "little")[: 2 if direct else mode]
+    cpu = cpu_with(code, dx=0x1234)
+    at = dict(zip(NUMBERS, values, strict=True))
+    for name, number in NUMBERS.items():
+        cpu.registers[number] = at[name]
+    *names, clocks = ["6"] if direct else MODES[rm].split()
+    byte = (displacement + 0x80) % 0x100 - 0x80
+    offset = sum(at[name] for name in names) + (displacement if direct else (0, byte, displacement)[mode])
+    segment = cpu.segments[SS if "bp" in names else DS] << 4
     cpu.step()
-    assert cpu.registers[AX] == 0x1234
+    places = [segment + (offset + k) % 0x10000 for k in (0, 1)]
+    assert [MEMORY[place] for place in places] == [0x34, 0x12]
+    for place in places:
+        MEMORY[place] = 0
+    assert cpu.clocks == 9 + int(clocks) + (4 if mode else 0) + (4 if offset % 2 else 0)
+    assert cpu.ip == CODE_AT + len(code)
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_mov_of_a_byte_leaves_the_other_half(number: int) -> None:
+    cpu = cpu_with(bytes((0xB0 + number, 0x99)), ax=0x1234, cx=0x1234, dx=0x1234, bx=0x1234)
+    cpu.step()
+    expected = [0x1234] * 4
+    expected[number % 4] = 0x1299 if number < 4 else 0x9934
+    assert cpu.registers[:4] == expected
 
 
 def test_code_at_the_end_of_its_segment_goes_on_at_its_beginning() -> None:
@@ -273,7 +308,7 @@ def test_push_sp_stores_what_it_has_become() -> None:
 
 def test_a_call_and_its_return_and_a_return_from_an_interrupt() -> None:
     cpu = cpu_with(b"\xe8\x01\x00\xcf\xc3", sp=0x100)
-    for word in (0x0AD5, 0x1234, 0x5678):
+    for word in (0x0AFF, 0x1234, 0x5678):
         cpu.push(word)
     for _ in range(3):
         cpu.step()
