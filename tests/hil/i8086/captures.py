@@ -15,6 +15,7 @@ from hil.i8086.decode import decode
 from hil.i8086.decoded import Decoded, UnknownForm
 from hil.i8086.interpreter import Interpreter
 from hil.i8086.state import LONGEST, MEMORY_BYTES, REGISTERS, SEGMENTS
+from tests.hil.i8086.processor import refuse
 
 VARIABLE = "HIL_8086_CAPTURES"
 BESIDE = Path(__file__).parents[3].parent / "shared" / "captures-8086"
@@ -42,10 +43,6 @@ def decoded(capture: Capture) -> Decoded | None:
         return None
 
 
-def no_port(*_: int) -> int:
-    raise AssertionError("no capture uses a port")
-
-
 class Replay:
     """Runs captures, one after the other, in a memory that is all zeros but for what the capture says."""
 
@@ -57,7 +54,7 @@ class Replay:
         before, after = capture["initial"], capture["final"]
         for address, byte in before["ram"]:
             self.memory[address] = byte
-        cpu = Interpreter(self.memory, no_port, no_port)
+        cpu = Interpreter(self.memory, refuse, refuse)
         cpu.registers = [before["regs"][name] for name in REGISTERS]
         cpu.segments = [before["regs"][name] for name in SEGMENTS]
         cpu.ip, cpu.flags = before["regs"]["ip"], before["regs"]["flags"]
