@@ -43,8 +43,8 @@ def joint_rounds(shift: int) -> tuple[int, int]:
 def bounds(code: bytes, entry: int, rounds: Sequence[int]) -> Bounds:
     """Return what code, which begins at offset 0, takes from entry to its return, with that return.
 
-    rounds: of each loop, in the order of their branches; 0: its paths are left out, else all others are. Raise
-    MachineCodeError for what is no code, for another number of loops, or where no path comes to an end.
+    rounds: of each loop, in the order of their branches: a loop of none is on no path, any other on every path. Raise
+    MachineCodeError for what is no code, for another number of loops, or where no path has these rounds.
     """
     instructions = reachable(code, entry)
     loops = [at for at, decoded in instructions.items() if _ends_loop(decoded)]
@@ -56,7 +56,8 @@ def bounds(code: bytes, entry: int, rounds: Sequence[int]) -> Bounds:
     found = _Paths(instructions, loops).from_here(_Place(entry, (), tuple(rounds)))
     if found is None:
         raise MachineCodeError(
-            f"8086: no path from {entry:04X} to its return takes {tuple(rounds)} rounds of its loops"
+            f"8086: no path from {entry:04X} to its return has {tuple(rounds)} rounds of its loops: a loop that cannot "
+            "be gone past has 1 or more, and two on different paths are not both passed"
         )
     return found
 
@@ -118,7 +119,7 @@ class _Place(NamedTuple):
 
 
 class _Paths:
-    """What can follow each place, found once."""
+    """What can follow each place, found once. For paths of some hundred instructions: it calls itself at each."""
 
     def __init__(self, instructions: dict[int, Decoded], loops: list[int]) -> None:
         self.instructions = instructions
