@@ -5,7 +5,6 @@
 
 import os
 import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -20,17 +19,20 @@ from tests.lab.packages import Missing
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "micropython"
+NAMED_IN = "HIL_MICROPYTHON"
 INSTEAD = {"bookworm": "trixie"}
 """Releases of Debian without that package, and the next one."""
 ARGUMENTS = 10
 """Of the step: count, count_prev, w_prev, d, a_ref, ka, kb, kj, shift, current_limit."""
 RESULTS = 4
 """w, d, i, estimate."""
+LIMIT_S = 600.0
+"""Wall time of `steps`, which takes 6 s for a million rows."""
 
 
 def program() -> Path:
     """Return the program; raise Missing with the reason where it cannot be had."""
-    named = os.environ.get("HIL_MICROPYTHON") or shutil.which(PACKAGE)
+    named = os.environ.get(NAMED_IN) or shutil.which(PACKAGE)
     if named:
         return Path(named)
     return packages.kept(packages.cache().with_name(PACKAGE), _fetch) / PACKAGE
@@ -110,13 +112,6 @@ def _sources(release: str) -> str:
 # -- the step --
 
 
-def run(script: Path, *words: str, **options: object) -> subprocess.CompletedProcess[bytes]:
-    """Run a script under MicroPython, which imports the sources as they stand in this checkout."""
-    command = [str(needed()), str(script), *words]
-    env = os.environ | {"MICROPYPATH": str(ROOT)}
-    return subprocess.run(command, env=env, capture_output=True, timeout=120, check=False, **options)  # type: ignore
-
-
 def steps(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return w, d, i and estimate of every row, and what each adds to `saturations`, in the order of SIGNALS.
 
@@ -126,7 +121,9 @@ def steps(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     assert rows.shape[1] == ARGUMENTS
     table = np.ascontiguousarray(rows, dtype=np.int32)
     assert (table == rows).all()
-    done = run(Path(__file__).parent / "on_micropython" / "steps.py", input=table.tobytes())
+    command = [needed(), ROOT / "tests" / "on_micropython" / "steps.py"]
+    env = os.environ | {"MICROPYPATH": str(ROOT)}
+    done = subprocess.run(command, env=env, input=table.tobytes(), capture_output=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 0, done.stderr.decode()
     found = np.frombuffer(done.stdout, dtype=np.int32).reshape(-1, RESULTS + len(SIGNALS))
     assert len(found) == len(rows)
@@ -135,6 +132,6 @@ def steps(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 if __name__ == "__main__":
     try:
-        print(shlex.quote(str(program())))
+        print(program())
     except Missing as why:
         sys.exit(str(why))

@@ -88,7 +88,7 @@ def joint_of(scenario, number):
     return joint
 
 
-def main():
+def main(words=None):
     """Run the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m examples.joint_micropython.board", description=__doc__.splitlines()[0]
@@ -96,7 +96,7 @@ def main():
     parser.add_argument("folder", type=Path, metavar="DIR", help="the folder, made if it is not there")
     parser.add_argument("--joint", type=int, default=2, help="which joint, from 1 (%(default)s)")
     parser.add_argument("--scenario", default="paper-joint", help="built-in name or TOML file (%(default)s)")
-    options = parser.parse_args()
+    options = parser.parse_args(words)
     try:
         lay_out(options.folder, joint_of(load(options.scenario), options.joint))
     except HilError as error:

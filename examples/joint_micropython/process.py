@@ -7,6 +7,7 @@ the joint. It ends when the socket closes, so with whoever started it.
 import json
 import os
 import shutil
+import signal
 import socket
 import struct
 import subprocess
@@ -51,10 +52,7 @@ class Process:
         self.socket, theirs = socket.socketpair()
         self.socket.settimeout(PATIENCE_S)
         with theirs, (board / SAID).open("wb") as said:
-            # In a session of its own it gets no Ctrl-C from the terminal: the end is the rig's to say.
-            self.child = subprocess.Popen(
-                [path, "main.py", "rig"], cwd=board, stdin=theirs, stdout=theirs, stderr=said, start_new_session=True
-            )
+            self.child = _start(self.name, path, board, theirs, said)
         self.end = weakref.finalize(self, _end, self.child, self.socket, self.folder)
         self.told = b""
 
@@ -105,11 +103,23 @@ class Process:
         return data
 
     def _died(self):
+        """Return the reason: how it ended, and the last line of its stderr."""
         with suppress(subprocess.TimeoutExpired):
             self.child.wait(END_S)
+        code = self.child.poll()
+        how = "it closed its stdout" if code is None else f"exit code {code}"
         lines = Path(self.folder.name, SAID).read_text(errors="replace").split("\n")
         last = next((line for line in reversed(lines) if line.strip()), "it said nothing")
-        return NodeError(f"{self.name}: MicroPython has ended (exit code {self.child.returncode}): {last}")
+        return NodeError(f"{self.name}: MicroPython has ended ({how}): {last}")
+
+
+def _start(name, path, board, theirs, said):
+    """Start the program; in a session of its own it gets no Ctrl-C, since its end is the rig's to say."""
+    command = [path, "main.py", "rig"]
+    try:
+        return subprocess.Popen(command, cwd=board, stdin=theirs, stdout=theirs, stderr=said, start_new_session=True)
+    except OSError as error:
+        raise NodeError(f"{name}: {path} cannot be started: {error.strerror}") from None
 
 
 def _end(child, end, folder):
@@ -118,6 +128,6 @@ def _end(child, end, folder):
     try:
         child.wait(END_S)
     except subprocess.TimeoutExpired:
-        child.kill()
+        os.killpg(child.pid, signal.SIGKILL)  # the session that it leads: whatever HIL_MICROPYTHON has started
         child.wait()
     folder.cleanup()

@@ -13,10 +13,12 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Never
 
+from tests import micropython
 from tests.lab import packages, report
 from tests.lab.initramfs import Job, archive
 
@@ -47,7 +49,8 @@ def job(command: tuple[str, ...], results: Path, tools: Path) -> Job:
         "LANG": "C.UTF-8",
         "TERM": "dumb",
     }
-    kept = (ROOT, results, tools, Path(sys.prefix), Path(sys.base_prefix))
+    python = Path(sys.prefix), Path(sys.base_prefix)
+    kept = (ROOT, results, tools, *python, Path(environment.get(micropython.NAMED_IN, ROOT)).parent)
     return Job(command, ROOT, results, environment, kept)
 
 
@@ -116,6 +119,7 @@ def reported(run: Callable[[tuple[str, ...]], int], results: Path) -> int:
     packages.install()
     report.clear(results)
     build_board(results)
+    fetch_micropython()
     compile_tests()
     code = run(tests(results))
     return report.main(results) or code
@@ -125,6 +129,12 @@ def build_board(results: Path) -> None:
     """Build the joint in C where the tests look for it: a compiler takes a minute in the guest."""
     make = ("make", "--silent", "-C", str(ROOT / "examples" / "joint_c"), f"BUILD={results / 'joint_c'}")
     subprocess.run([*make, f"CANTOOLS={sys.executable} -m cantools"], check=True, stdout=subprocess.DEVNULL)
+
+
+def fetch_micropython() -> None:
+    """Have the guest find MicroPython, for which it has no network; where there is none, its test will say so."""
+    with suppress(packages.Missing):
+        os.environ[micropython.NAMED_IN] = str(micropython.program())
 
 
 def compile_tests() -> None:

@@ -23,6 +23,10 @@ ROWS = {
         "`--external joint2`, played by the C program, on vcan0 and on can0/can1",
         "payloads identical",
     ),
+    "micropython": (
+        "`--external joint2`, played by MicroPython on vcan0: as a board, and behind `hil node`",
+        "payloads identical",
+    ),
     "witnesses": (
         "independent witnesses",
         "candump's identifiers and data in order equal our log; cantools decodes every frame; a `cansend` Stop stops "

@@ -183,6 +183,16 @@ def test_what_is_cached_is_not_fetched_again(tmp_path: Path, monkeypatch: pytest
     assert fetched == [("can-utils", ["*"])]
 
 
+def test_what_somebody_else_has_made_meanwhile_is_taken(tmp_path: Path) -> None:
+    def make(scratch: Path) -> None:
+        for folder in (tmp_path / "made", scratch / "files"):
+            folder.mkdir()
+            (folder / "file").write_text(folder.name)
+
+    assert (packages.kept(tmp_path / "made", make) / "file").read_text() == "made"
+    assert [path.name for path in tmp_path.iterdir()] == ["made"]
+
+
 def test_what_cannot_be_fetched_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(packages, "ask", lambda *_words, **_: (_ for _ in ()).throw(packages.Missing("no network")))
@@ -216,6 +226,7 @@ def test_what_is_shown_and_a_good_exit_make_a_good_exit(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(packages, "install", lambda: None)
     monkeypatch.setattr(boot, "build_board", lambda _results: None)
+    monkeypatch.setattr(boot, "fetch_micropython", lambda: None)
     monkeypatch.setattr(boot, "compile_tests", lambda: None)
     assert boot.reported(run, tmp_path) == 3
     assert boot.reported(lambda command: run(command) - 3, tmp_path) == 0

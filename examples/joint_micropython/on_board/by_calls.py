@@ -7,7 +7,8 @@ import json
 import struct
 import sys
 
-START, FRAME, TIMER, REPORT, REACTION = b"SFTRA"
+START, FRAME, TIMER, REPORT, REACTION = range(0x80, 0x85)
+"""Of calls and answers; bytes with which no text begins."""
 CALL = "<BBHq8s"
 """Kind, length, identifier, now in ns, data."""
 HEAD = "<BBHqq"
@@ -38,8 +39,6 @@ def answer(joint, kind, length, identifier, now_ns, data):
     else:
         reaction = (joint.on_timer if kind == TIMER else joint.on_start)(now_ns)
     busy_ns, timer_ns, sends = reaction
-    text = b"".join([struct.pack(SEND, ns, number, len(frame), frame) for ns, number, frame in sends])
-    return (
-        struct.pack(HEAD, REACTION, joint.finished, len(text), busy_ns, NO_TIMER if timer_ns is None else timer_ns)
-        + text
-    )
+    timer_ns = NO_TIMER if timer_ns is None else timer_ns
+    frames = b"".join([struct.pack(SEND, ns, number, len(frame), frame) for ns, number, frame in sends])
+    return struct.pack(HEAD, REACTION, joint.finished, len(frames), busy_ns, timer_ns) + frames

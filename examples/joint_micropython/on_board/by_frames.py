@@ -72,8 +72,7 @@ class Ordered:
 
 
 def serve(joint, bus):
-    """Play until Stop, or a fault. The memory is tidied up behind each answer, and at no other time."""
-    gc.disable()
+    """Play until Stop, or a fault. Garbage is collected behind each answer, so not before it."""
     ordered = Ordered(joint)
     while not joint.finished:
         sends = ordered.hear(*bus.receive())
