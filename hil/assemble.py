@@ -25,7 +25,7 @@ from firmware_py.dsp.inverse_dynamics import ArmModel
 from firmware_py.free_running import FreeRunning
 from firmware_py.joint_cpu import JointCPU
 from hil import constants
-from hil.errors import ScenarioError, failed
+from hil.errors import HilError, ScenarioError, failed
 from hil.exact_constants import rad_per_count, reference_of
 from hil.node import Node
 from hil.scenario import CircleMove, LineMove, QuinticMove, Scenario
@@ -292,6 +292,8 @@ def build_joint(scenario: Scenario, number: int, codec: Codec) -> Node:
     own = _own_cpu(cpu, number)
     try:
         return own(*arguments)
+    except HilError:
+        raise
     except Exception as error:
         raise failed(f"joint{number}", error) from error
 

@@ -11,11 +11,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from firmware_py.joint_cpu import SIGNALS
 from tests.lab import packages
 from tests.lab.packages import Missing
+from tests.wanting import wanting
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "micropython"
@@ -43,10 +43,7 @@ def needed() -> Path:
     try:
         return program()
     except Missing as missing:
-        text = f"NO MICROPYTHON, so the joint on MicroPython is NOT TESTED: {missing}"
-        if os.environ.get("HIL_LAB") == "1":
-            pytest.fail(text)
-        pytest.skip(text)
+        wanting(f"NO MICROPYTHON, so the joint on MicroPython is NOT TESTED: {missing}")
 
 
 # -- Debian's --
