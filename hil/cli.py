@@ -1,5 +1,5 @@
 """The command line: `hil run`, `hil paper`, `hil scenarios`, `hil bus`, `hil clock`, `hil node`, `hil doctor`,
-`hil timing`, `hil quantise`, `hil sweep`.
+`hil timing`, `hil quantise`, `hil sweep`, `hil cpu`.
 
 Exit codes: 0 all well, 2 usage, 3 scenario, 4 channel, 5 node, 6 fault of the emulated system, 7 output, 8 missing
 extra, 128 + n for signal n (130 Ctrl-C, 143 SIGTERM).
@@ -21,6 +21,7 @@ import typer
 from hil.addresses import restart_at_fixed_addresses
 from hil.doctor.command import doctor
 from hil.errors import FaultError, OutputError
+from hil.i8086.command import cpu
 from hil.options import (
     At,
     BusKwargs,
@@ -274,6 +275,7 @@ app.command()(doctor)
 app.command()(timing)
 app.command()(quantise)
 app.command()(sweep)
+app.command()(cpu)
 
 
 def _say(text: str) -> None:

@@ -143,9 +143,14 @@ def tail_ns(scenario: Scenario) -> int:
     return TAIL_BITS * scenario.bit_ns
 
 
+def cycle_ns(scenario: Scenario) -> int:
+    """Return the shortest period into which the frames of a cycle fit, each queued when its sender has computed."""
+    return worst_case_ends_ns(scenario)["State"] + INTERMISSION_BITS * scenario.bit_ns
+
+
 def check_budget(scenario: Scenario) -> None:
     """Refuse a cycle whose frames do not fit its period."""
-    end_ns = worst_case_ends_ns(scenario)["State"] + INTERMISSION_BITS * scenario.bit_ns
+    end_ns = cycle_ns(scenario)
     if scenario.bus.fidelity == "bits" and end_ns > scenario.period_ns:
         raise ScenarioError(
             f"the frames of one cycle need {end_ns / 1000:.0f} us at bus.bitrate = {scenario.bus.bitrate} and with the "

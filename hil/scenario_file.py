@@ -258,7 +258,7 @@ def _check_rates(scenario: Scenario) -> None:
         if scenario.compute_ns(joint) >= period_ns:
             raise ScenarioError(
                 f"joint{joint}: compute_s = {scenario.compute_ns(joint) * 1e-9} is not below "
-                f"clock.period_s = {clock.period_s}: it would never keep up"
+                f"clock.period_s = {clock.period_s}: it would never keep up: raise clock_hz, or lower compute_s"
             )
     if to_ns(scenario.dsp.compute_s) >= period_ns:
         raise ScenarioError(f"dsp.compute_s = {scenario.dsp.compute_s} is not below clock.period_s = {clock.period_s}")

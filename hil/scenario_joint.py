@@ -12,8 +12,8 @@ Clocks = Annotated[int, Field(ge=1, le=10**9)]
 Ppm = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 INTERRUPT_CLOCKS = 1000
-"""Estimate of the whole control interrupt on an 8086: acknowledge 61, pushes and pops 76, port I/O 30, the step 803,
-IRET 32, together 1002. Sums of documented clocks of a trial's code: nothing of CAN, no prefetch queue, no wait states.
+"""Of the whole control interrupt on an 8086, rounded: as machine code (docs/cpu.md) it takes 1011 to 1059 on the mean
+of paper-joint, by joint, and up to 1128 while nothing saturates. Nothing of CAN, no prefetch queue, no wait states.
 
 Ref: Intel 8086 instruction timing tables (Intel 8086 Family User's Manual 1979).
 """

@@ -27,6 +27,7 @@ ONLY_IN = {
     "matplotlib": {
         "hil/bench/plot.py",
         "hil/figures.py",
+        "hil/i8086/figure.py",
         "hil/paper/plots.py",
         "hil/quantise/rest_figure.py",
         "hil/quantise/words_figure.py",

@@ -10,10 +10,10 @@ from hil.i8086.state import CS, DS, MEMORY_BYTES, SP, SS
 class InterpretedBoard(Board):
     """A board. cpu: what executes the code; its totals are those of the last interrupt, without the acknowledgement."""
 
-    def __init__(self) -> None:
+    def __init__(self, interpreter: type[Interpreter] = Interpreter) -> None:
         memory = bytearray(MEMORY_BYTES)
         super().__init__(memory)
-        self.cpu = Interpreter(memory, self.read, self.write)
+        self.cpu = interpreter(memory, self.read, self.write)
         for segment, address in ((CS, image.CODE_AT), (DS, image.DATA_AT), (SS, image.STACK_AT)):
             self.cpu.segments[segment] = address >> 4
         self.cpu.registers[SP] = image.STACK_TOP

@@ -10,7 +10,9 @@ from dbc.compiler import load_arm
 from firmware_py.joint_cpu import SHIFT, SIGNALS
 from firmware_py.words import Words
 from hil.constants import parameter_table
-from hil.i8086.clocks import MULTIPLY_MOST, multiply
+from hil.i8086 import image
+from hil.i8086.bounds import Bounds, bounds, joint_rounds
+from hil.i8086.clocks import INTERRUPT, MULTIPLY_MOST, multiply
 from hil.i8086.interpreted_board import InterpretedBoard
 from hil.scenario import Scenario
 
@@ -45,4 +47,31 @@ def most_clocks(scenario: Scenario, joint: int) -> int:
 
 def least_clocks(scenario: Scenario, joint: int) -> int:
     """Return the least clocks of an interrupt of joint 1 to n: what saturates takes longer."""
-    return _clocks_but_multiplications(parameter_table(scenario, joint, load_arm())[SHIFT])
+    return _clocks_but_multiplications(_shift(scenario, joint))
+
+
+def step_clocks(scenario: Scenario, joint: int) -> tuple[int, int]:
+    """Return the least and most clocks of the control step alone, of joint 1 to n, in which nothing saturates."""
+    around = INTERRUPT + _bounds(image.INTERRUPT, 0).least_clocks - _bounds(image.STEP, 0).least_clocks
+    return least_clocks(scenario, joint) - around, most_clocks(scenario, joint) - around
+
+
+def step_bounds(scenario: Scenario, joint: int) -> tuple[int, int]:
+    """Return the least and most clocks of the control step alone, of joint 1 to n, over all of its paths."""
+    found = _bounds(image.STEP, _shift(scenario, joint))
+    return found.least_clocks, found.most_clocks
+
+
+def interrupt_bounds(scenario: Scenario, joint: int) -> tuple[int, int]:
+    """Return the least and most clocks of an interrupt, acknowledgement included, of joint 1 to n over all paths."""
+    found = _bounds(image.INTERRUPT, _shift(scenario, joint))
+    return INTERRUPT + found.least_clocks, INTERRUPT + found.most_clocks
+
+
+@lru_cache(maxsize=64)
+def _bounds(entry: int, shift: int) -> Bounds:
+    return bounds(image.CODE, entry, joint_rounds(shift))
+
+
+def _shift(scenario: Scenario, joint: int) -> int:
+    return parameter_table(scenario, joint, load_arm())[SHIFT]

@@ -131,6 +131,11 @@ def newton_euler_ledger(joints: int) -> Ledger:
     return ledger
 
 
+def newton_euler_paper(joints: int) -> Operations:
+    """Return what inverse dynamics of an arm takes as table 1 has it."""
+    return Operations(132 * joints, 111 * joints - 4)
+
+
 def planar_operations(joints: int) -> Operations:
     """Return the operations of the planar arm's inverse dynamics, as the DSP computes them."""
     words = InstrumentedWords(WORD_BITS)
@@ -145,5 +150,4 @@ def table_1(step: tuple[int, int]) -> Iterator[Row]:
     for n in range(1, LARGEST_ARM + 1):
         counted = newton_euler_ledger(n).total
         observer = Operations(n * step[0], n * step[1])
-        paper = Operations(132 * n, 111 * n - 4)
-        yield Row(n, counted, paper, observer, Operations(3 * n, 6 * n), planar_operations(n))
+        yield Row(n, counted, newton_euler_paper(n), observer, Operations(3 * n, 6 * n), planar_operations(n))

@@ -1,7 +1,8 @@
 """How long the nodes compute: on the target by its documented clocks, on this host as measured.
 
-The clocks are sums over the instructions of a trial's code, an estimate until there is machine code to count. They hold
-neither CAN nor the prefetch queue nor wait states, which by a model add 7 to 13 % to the step.
+The step's clocks are those of its machine code while nothing saturates, and so are an interrupt's where joints are of
+machine code; else it takes what they declare, `clocks`. Neither CAN nor the prefetch queue nor wait states are counted:
+by a model the last two add 7 to 13 % to a step.
 
 Ref: Intel 8086 instruction timing tables (Intel 8086 Family User's Manual 1979).
 """
@@ -11,8 +12,10 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from hil.i8086 import straight_line
 from hil.latency import distribution
 from hil.scenario import Scenario
+from hil.scenario_joint import I8086
 from hil.timed import time_nodes
 from hil.timing.rig_cycle import cycle_of
 from hil.wire.rates import Rates
@@ -21,9 +24,7 @@ from plant.parameters import MAX_JOINTS
 TARGET = "8086"
 CLOCKS_HZ = (5e6, 8e6, 10e6)
 """Of the 8086, the 8086-2 and the 8086-1."""
-STEP_CLOCKS = (716, 808)
-"""Of the control step: least and most, by its three IMULs (420 to 498 of them)."""
-ESTIMATE = "clocks are documented sums over a trial's code: an estimate, without CAN, prefetch queue and wait states"
+BASIS = "clocks are documented sums, IMUL's fitted to captures, without CAN, prefetch queue and wait states"
 
 
 def computing(scenario: Scenario) -> dict[str, Any]:
@@ -33,8 +34,8 @@ def computing(scenario: Scenario) -> dict[str, Any]:
         "scenario": scenario.name,
         "period_s": scenario.clock.period_s,
         "target": TARGET,
-        "basis": ESTIMATE,
-        "step_clocks": list(STEP_CLOCKS),
+        "basis": BASIS,
+        "step_clocks": list(step_clocks(scenario)),
         "interrupt_clocks": interrupt_clocks(scenario),
         "clocks": [at_clock(scenario, clock_hz) for clock_hz in CLOCKS_HZ],
         "host": {name: distribution(each_s) for name, each_s in wakes_s.items()},
@@ -42,9 +43,17 @@ def computing(scenario: Scenario) -> dict[str, Any]:
 
 
 def interrupt_clocks(scenario: Scenario) -> int:
-    """Return the clocks of a control interrupt, of the joint that takes the most."""
-    clocks: int = max(scenario.of_joint(n, "clocks") for n in range(1, scenario.joints + 1))
-    return clocks
+    """Return the clocks that a control interrupt is declared with, of the joint that takes the most."""
+    return max(
+        straight_line.most_clocks(scenario, n) if scenario.cpu(n) == I8086 else scenario.of_joint(n, "clocks")
+        for n in range(1, scenario.joints + 1)
+    )
+
+
+def step_clocks(scenario: Scenario) -> tuple[int, int]:
+    """Return the least and most clocks of all joints' steps as machine code, while nothing saturates."""
+    least, most = zip(*(straight_line.step_clocks(scenario, n) for n in range(1, scenario.joints + 1)), strict=True)
+    return min(least), max(most)
 
 
 def at_clock(scenario: Scenario, clock_hz: float) -> dict[str, Any]:
@@ -58,7 +67,7 @@ def at_clock(scenario: Scenario, clock_hz: float) -> dict[str, Any]:
     joints = range(1, scenario.joints + 1)
     return {
         "clock_hz": clock_hz,
-        "step_s": [step / clock_hz for step in STEP_CLOCKS],
+        "step_s": [step / clock_hz for step in step_clocks(scenario)],
         "interrupt_s": interrupt_s,
         "share": interrupt_s / scenario.clock.period_s,
         "current_end_s": {
