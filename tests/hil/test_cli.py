@@ -113,7 +113,7 @@ class Late(JointCPU):
         (["paper-task", "--set", "trajectory.radius_m=0.5"], 3, r"puts the wrist .* m from the base"),
         (["--set", "joint2.cpu=faulty:Broken"], 5, r"joint2 .*faulty.py, line 5: ZeroDivisionError"),
         (["--set", "joint2.cpu=faulty:Unborn"], 5, r"joint2 failed in .*faulty.py, line \d+: RuntimeError: no"),
-        (["--set", "joint2.cpu=broken:Syntax"], 3, r"joint2.cpu = 'broken:Syntax': SyntaxError: .*write python, i8086,"),
+        (["--set", "joint2.cpu=broken:Syntax"], 3, r"joint2.cpu = 'broken:Syntax': SyntaxError: .*write python, i8086"),
         (["--set", "joint2.cpu=faulty:Wild"], 5, r"joint2 .*Current_2.Reference: raw value 40000 is outside"),
         (["--set", "joint2.cpu=faulty:Late"], 5, r"joint2.*timer asked for at .* ask for a later instant"),
         (["--set", "joint2.cpu=faulty:Blind"], 6, r"at 0.15\d s: joint2: joint fault \(reference lost\)"),
