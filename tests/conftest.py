@@ -23,14 +23,21 @@ COVERING = {"dbc", "firmware_py", "plant"}
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Cover a package by its own tests alone: traced, a run of the whole rig takes 1.7 times as long."""
-    coverage = Coverage.current()
-    if coverage is None or COVERING & set(item.nodeid.split("/")):
+    if COVERING & set(item.nodeid.split("/")):
         return (yield)
-    coverage.stop()
+    stopped = list(stop_coverage())
     try:
         return (yield)
     finally:
-        coverage.start()
+        for coverage in reversed(stopped):
+            coverage.start()
+
+
+def stop_coverage() -> Iterator[Coverage]:
+    """Stop whatever traces: pytest-cov starts two in a process of xdist, and the inner one's end resumes the outer."""
+    while (coverage := Coverage.current()) is not None:
+        coverage.stop()
+        yield coverage
 
 
 @pytest.fixture(autouse=True)
