@@ -15,7 +15,13 @@ from hil import scenario_file
 from hil.scenario import Scenario
 from hil.wire import channel as channels
 
-SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
+SHORT = (
+    "clock.setup_cycles=60",
+    "duration_s=0.2",
+    "trajectory.time_s=0.15",
+    "trajectory.by_rad=[0.05, -0.05, 0.05]",
+)
+"""A move in 200 cycles, behind as many as the set-up needs."""
 COVERING = {"dbc", "firmware_py", "plant"}
 """Folders of the tests that cover the packages of the same names."""
 
@@ -25,19 +31,22 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     """Cover a package by its own tests alone: traced, a run of the whole rig takes 1.7 times as long."""
     if COVERING & set(item.nodeid.split("/")):
         return (yield)
-    stopped = list(stop_coverage())
-    try:
+    with untraced():
         return (yield)
+
+
+@contextmanager
+def untraced() -> Iterator[None]:
+    """Cover nothing meanwhile. pytest-cov starts twice in a process of xdist: the end of one would resume the other."""
+    stopped = []
+    while (coverage := Coverage.current()) is not None:
+        coverage.stop()
+        stopped.append(coverage)
+    try:
+        yield
     finally:
         for coverage in reversed(stopped):
             coverage.start()
-
-
-def stop_coverage() -> Iterator[Coverage]:
-    """Stop whatever traces: pytest-cov starts two in a process of xdist, and the inner one's end resumes the outer."""
-    while (coverage := Coverage.current()) is not None:
-        coverage.stop()
-        yield coverage
 
 
 @pytest.fixture(autouse=True)

@@ -25,8 +25,8 @@ from hil.can_port import CanPort, _refusal
 from hil.errors import ChannelError, NodeError, ScenarioError
 from hil.rig import run_inline
 from hil.wire import channel as channels
+from tests.conftest import SHORT
 
-SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
 PLACE = Place("hil", "street", {})
 LIMIT_S = 60
 
