@@ -24,6 +24,20 @@ SHORT = (
 """A move in 200 cycles, behind as many as the set-up needs."""
 COVERING = {"dbc", "firmware_py", "plant"}
 """Folders of the tests that cover the packages of the same names."""
+LONGEST = [
+    f"test_{name}.py"
+    for name in (
+        *("processes", "reproduce", "cli", "sync_rig", "readme", "experiment", "wall_rig", "rig_analysis"),
+        *("joint_c", "bridge", "hostile", "command", "two_senders", "page", "bus_errors", "cluster", "arms", "fuzz"),
+        *("words_apytypes", "frame_plan", "determinism", "rest", "dead_time", "limits", "rivals", "wall_drive"),
+    )
+]
+"""Files of more than 10 s, the longest first: one that begins last would keep one process busy and the others idle."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.name, len(rank)))
 
 
 @pytest.hookimpl(wrapper=True)
