@@ -5,6 +5,7 @@ so that nobody sees it among the values. Both directions run some thirty times a
 names and a CRC that starts behind the identifier.
 """
 
+import json
 import struct
 
 from dbc.crc import CRC8_INVERT, CRC8_RESIDUE, CRC8_TABLE, crc8_register
@@ -32,6 +33,7 @@ class MessageCodec:
         "_register",
         "_unpack",
         "identifier",
+        "layout",
         "length",
         "name",
         "signals",
@@ -41,6 +43,7 @@ class MessageCodec:
         """Build the codec of a message from the (name, struct format, factor) of its signals; the CRC is not listed."""
         self.name = name
         self.identifier = identifier
+        self.layout = layout
         self.signals = tuple(signal for signal, _, _ in layout)
         self._formats = "".join(code for _, code, _ in layout)
         self._factors = {signal: factor for signal, _, factor in layout}
@@ -109,6 +112,17 @@ class Codec(dict[str, MessageCodec]):
         super().__init__((message.name, message) for message in messages)
         self.by_identifier = {message.identifier: message for message in messages}
         self.version = version
+
+    def to_json(self) -> str:
+        """Return what `from_json` makes the same codec of: a node of a run takes it over, and reads no database."""
+        messages = [(each.name, each.identifier, each.layout, each._protected) for each in self.values()]
+        return json.dumps({"messages": messages, "version": self.version})
+
+    @classmethod
+    def from_json(cls, text: str) -> "Codec":
+        """Return the codec that `to_json` has written."""
+        found = json.loads(text)
+        return cls([MessageCodec(*each) for each in found["messages"]], found["version"])
 
     def __missing__(self, name: str) -> MessageCodec:
         """Refuse an unknown name."""

@@ -92,6 +92,13 @@ def test_only_a_plant_that_runs_imports_numba() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.parametrize(("module", "unburdened"), [("hil.node_process", "can cantools"), ("hil.can_node", "cantools")])
+def test_a_node_takes_the_codec_over_and_reads_no_database(module: str, unburdened: str) -> None:
+    """Reading it is a quarter of a node's start."""
+    code = f"import sys, {module}; assert not set('{unburdened}'.split()) & sys.modules.keys()"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_twenty_runs_make_the_same_frames(short: Scenario) -> None:
     expected = run_inline(short).log.sha256()
     assert {run_processes(short, f"arm{k}").log.sha256() for k in range(10)} == {expected}
