@@ -132,7 +132,7 @@ def test_a_node_that_is_stopped_for_a_second_changes_nothing(name: str, hil: Any
 
 @pytest.mark.parametrize("name", ["plant", "dsp", "joint1", "joint2", "joint3"])
 def test_a_killed_node_ends_the_run_with_its_name(name: str, hil: Any) -> None:
-    rig = hil.start("run", "--set", "duration_s=60")
+    rig = hil.start("run", "--set", "duration_s=30")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes[name]) > 40)
     os.kill(nodes[name], signal.SIGKILL)
@@ -146,7 +146,7 @@ def test_a_killed_node_ends_the_run_with_its_name(name: str, hil: Any) -> None:
 
 @pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupting_the_rig_ends_every_node(number: int, exit_code: int, hil: Any) -> None:
-    rig = hil.start("run", "--set", "duration_s=60")
+    rig = hil.start("run", "--set", "duration_s=30")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["plant"]) > 40)
     rig.send_signal(number)
@@ -157,6 +157,7 @@ def test_interrupting_the_rig_ends_every_node(number: int, exit_code: int, hil: 
 
 
 def test_killing_the_rig_itself_leaves_no_orphan(hil: Any) -> None:
+    """With a plant in machine code, as a run of 40 s and more has it; the other runs that are cut off are shorter."""
     rig = hil.start("run", "--set", "duration_s=60")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["plant"]) > 40)
@@ -177,7 +178,7 @@ def name_of_or_none(pid: int) -> str:
 
 
 def test_a_node_that_hangs_is_named_when_the_patience_is_over(hil: Any) -> None:
-    rig = hil.start("run", "--patience", "1.5", "--set", "duration_s=60")
+    rig = hil.start("run", "--patience", "1.5", "--set", "duration_s=30")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["joint3"]) > 40)
     os.kill(nodes["joint3"], signal.SIGSTOP)
@@ -294,7 +295,7 @@ def test_nodes_by_hand_say_when_the_run_did_not_come_to_its_end(hil: Any) -> Non
     bus = hil.start("bus", "arm", "--expect", "plant,dsp,joint1,joint2,joint3")
     bus.stdout.readline()
     words = {"plant": ["plant"], "dsp": ["dsp"], **{f"joint{n}": ["joint", str(n)] for n in (1, 2, 3)}}
-    nodes = {name: hil.start("node", *each, "--set", "duration_s=60") for name, each in words.items()}
+    nodes = {name: hil.start("node", *each, "--set", "duration_s=30") for name, each in words.items()}
     wait_for(lambda: "time begins" in bus.stdout.readline())
     joined = cpu_ticks(nodes["joint2"].pid)
     wait_for(lambda: cpu_ticks(nodes["joint2"].pid) > joined)
@@ -314,7 +315,7 @@ def test_a_node_that_is_killed_on_a_bus_that_goes_on_brakes_the_arm(hil: Any) ->
     bus = hil.start("bus", "arm", "--expect", "plant,dsp,joint1,joint2,joint3", "--go-on")
     bus.stdout.readline()
     words = {"plant": ["plant"], "dsp": ["dsp"], **{f"joint{n}": ["joint", str(n)] for n in (1, 2, 3)}}
-    nodes = {name: hil.start("node", *each, "--set", "duration_s=60") for name, each in words.items()}
+    nodes = {name: hil.start("node", *each, "--set", "duration_s=30") for name, each in words.items()}
     wait_for(lambda: "time begins" in bus.stdout.readline())
     joined = cpu_ticks(nodes["joint2"].pid)
     wait_for(lambda: cpu_ticks(nodes["joint2"].pid) > joined + 20)  # 0.2 s of work: the set-up takes less
