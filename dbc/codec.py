@@ -5,11 +5,12 @@ so that nobody sees it among the values. Both directions run some thirty times a
 names and a CRC that starts behind the identifier.
 """
 
-import json
 import struct
 
 from dbc.crc import CRC8_INVERT, CRC8_RESIDUE, CRC8_TABLE, crc8_register
 
+Row = tuple[str, int, list[tuple[str, str, float]], bool]
+"""What a message's codec is built from."""
 CRC_SIGNAL = "Crc"
 """Name of the last signal of a protected message."""
 
@@ -113,16 +114,14 @@ class Codec(dict[str, MessageCodec]):
         self.by_identifier = {message.identifier: message for message in messages}
         self.version = version
 
-    def to_json(self) -> str:
-        """Return what `from_json` makes the same codec of: a node of a run takes it over, and reads no database."""
-        messages = [(each.name, each.identifier, each.layout, each._protected) for each in self.values()]
-        return json.dumps({"messages": messages, "version": self.version})
+    def table(self) -> tuple[list[Row], int]:
+        """Return what `of_table` makes the same codec of, as JSON can hold it: a node of a run reads no database."""
+        return [(each.name, each.identifier, each.layout, each._protected) for each in self.values()], self.version
 
     @classmethod
-    def from_json(cls, text: str) -> "Codec":
-        """Return the codec that `to_json` has written."""
-        found = json.loads(text)
-        return cls([MessageCodec(*each) for each in found["messages"]], found["version"])
+    def of_table(cls, rows: list[Row], version: int) -> "Codec":
+        """Return the codec of such a table."""
+        return cls([MessageCodec(*row) for row in rows], version)
 
     def __missing__(self, name: str) -> MessageCodec:
         """Refuse an unknown name."""

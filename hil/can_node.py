@@ -105,7 +105,7 @@ def main() -> int:
     def play_ordered() -> dict[str, Any]:
         order = json.loads(Path(order_path).read_text())
         scenario, place = Scenario.model_validate(order["scenario"]), Place(*order["places"][name])
-        codec = Codec.from_json(order["codec"])
+        codec = Codec.of_table(*order["codec"])
         return play(scenario, name, place, folder / f"{name}.ready", os.getppid(), codec)
 
     return be_child(name, play_ordered, folder / f"{name}.json")

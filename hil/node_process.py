@@ -74,7 +74,7 @@ def main() -> int:
 
     def play() -> dict[str, Any]:
         scenario = Scenario.model_validate_json(Path(scenario_path).read_text())
-        return run_node(scenario, name, channel, Codec.from_json(Path(codec_path).read_text()))
+        return run_node(scenario, name, channel, Codec.of_table(*json.loads(Path(codec_path).read_text())))
 
     return be_child(name, play, Path(report_path))
 

@@ -74,7 +74,7 @@ def _command(scenario: Scenario, channel: str, folder: Path) -> Callable[[str], 
     """Return what starts a node by its name, from files that hold the scenario and the codec."""
     resolved, codec = folder / "scenario.json", folder / "codec.json"
     resolved.write_text(scenario.model_dump_json())
-    codec.write_text(load_arm().to_json())
+    codec.write_text(json.dumps(load_arm().table()))
     return lambda name: ["hil.node_process", name, *map(str, (resolved, codec)), channel, str(folder / f"{name}.json")]
 
 
