@@ -9,7 +9,7 @@ run: setup
 	$(BIN)/hil run
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report=term
 
 setup: $(STAMP)
 

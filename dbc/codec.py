@@ -9,6 +9,8 @@ import struct
 
 from dbc.crc import CRC8_INVERT, CRC8_RESIDUE, CRC8_TABLE, crc8_register
 
+Row = tuple[str, int, list[tuple[str, str, float]], bool]
+"""What a message's codec is built from."""
 CRC_SIGNAL = "Crc"
 """Name of the last signal of a protected message."""
 
@@ -31,6 +33,7 @@ class MessageCodec:
         "_unpack",
         "formats",
         "identifier",
+        "layout",
         "length",
         "name",
         "protected",
@@ -41,6 +44,7 @@ class MessageCodec:
         """Build the codec of a message from the (name, struct format, factor) of its signals; the CRC is not listed."""
         self.name = name
         self.identifier = identifier
+        self.layout = layout
         self.signals = tuple(signal for signal, _, _ in layout)
         self.formats = "".join(code for _, code, _ in layout)
         self._factors = {signal: factor for signal, _, factor in layout}
@@ -109,6 +113,15 @@ class Codec(dict[str, MessageCodec]):
         super().__init__((message.name, message) for message in messages)
         self.by_identifier = {message.identifier: message for message in messages}
         self.version = version
+
+    def table(self) -> tuple[list[Row], int]:
+        """Return what `of_table` makes the same codec of, as JSON can hold it: a node of a run reads no database."""
+        return [(each.name, each.identifier, each.layout, each._protected) for each in self.values()], self.version
+
+    @classmethod
+    def of_table(cls, rows: list[Row], version: int) -> "Codec":
+        """Return the codec of such a table."""
+        return cls([MessageCodec(*row) for row in rows], version)
 
     def __missing__(self, name: str) -> MessageCodec:
         """Refuse an unknown name."""

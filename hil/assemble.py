@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from dbc.codec import Codec
-from dbc.compiler import load_arm
 from dbc.crc import crc16
 from dbc.status import Status
 from firmware_py.dsp import kinematics, trajectory
@@ -56,7 +55,7 @@ CALLS = ("on_start", "on_frame", "on_timer", "store", "report")
 
 def build_node(scenario: Scenario, name: str, codec: Codec | None = None, compiled: bool = False) -> Node:
     """Return one node; raise ScenarioError naming what it cannot be built from. compiled: see `build_plant`."""
-    codec = load_arm() if codec is None else codec
+    codec = codec or read_codec()
     constants.check_budget(scenario)
     if name == "plant":
         return build_plant(scenario, codec, compiled)
@@ -74,8 +73,15 @@ def check_node_name(scenario: Scenario, name: str) -> None:
 
 def build_nodes(scenario: Scenario, compiled: bool = False) -> list[Node]:
     """Return all nodes in node order. compiled: see `build_plant`."""
-    codec = load_arm()
+    codec = read_codec()
     return [build_node(scenario, name, codec, compiled) for name in scenario.node_names]
+
+
+def read_codec() -> Codec:
+    """Return the codec of arm.dbc; only here cantools is imported, which the nodes of a run need not wait for."""
+    from dbc.compiler import load_arm
+
+    return load_arm()
 
 
 def _status(scenario: Scenario, codec: Codec, number: int) -> Status:

@@ -137,7 +137,8 @@ def for_bus(scenario: Scenario) -> Scenario:
 def _processes(scenario: Scenario, place: Place, elsewhere: Mapping[str, str], folder: Path) -> Processes:
     order = folder / "order.json"
     places = {name: place._replace(channel=elsewhere.get(name, place.channel)) for name in scenario.node_names}
-    order.write_text(json.dumps({"scenario": scenario.model_dump(mode="json"), "places": places}))
+    given = {"scenario": scenario.model_dump(mode="json"), "codec": load_arm().table(), "places": places}
+    order.write_text(json.dumps(given))
     return Processes(folder, lambda name: ["hil.can_node", str(order), name])
 
 

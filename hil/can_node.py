@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dbc.compiler import load_arm
+from dbc.codec import Codec
 from hil import real_time
-from hil.assemble import build_node
+from hil.assemble import build_node, read_codec
 from hil.can_port import CanPort
 from hil.errors import NodeError
 from hil.node_process import be_child, write_report
@@ -35,14 +35,19 @@ Check = Callable[[], None]
 
 
 def play(
-    scenario: Scenario, name: str, place: Place, ready: Path | None = None, rig: int | None = None
+    scenario: Scenario,
+    name: str,
+    place: Place,
+    ready: Path | None = None,
+    rig: int | None = None,
+    codec: Codec | None = None,
 ) -> dict[str, Any]:
     """Play one node until its part is over; return its report.
 
     ready: a file that appears when it listens, and says what it was refused. rig: the process without which it goes on
-    no more.
+    no more. codec: of arm.dbc, if somebody has it already.
     """
-    codec = load_arm()
+    codec = codec or read_codec()
     node = build_node(scenario, name, codec, compiled=True)
 
     def check() -> None:
@@ -100,7 +105,8 @@ def main() -> int:
     def play_ordered() -> dict[str, Any]:
         order = json.loads(Path(order_path).read_text())
         scenario, place = Scenario.model_validate(order["scenario"]), Place(*order["places"][name])
-        return play(scenario, name, place, folder / f"{name}.ready", os.getppid())
+        codec = Codec.of_table(*order["codec"])
+        return play(scenario, name, place, folder / f"{name}.ready", os.getppid(), codec)
 
     return be_child(name, play_ordered, folder / f"{name}.json")
 

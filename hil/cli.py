@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 
-from hil.addresses import restart_at_fixed_addresses
 from hil.doctor.command import doctor
 from hil.errors import FaultError, OutputError
 from hil.i8086.command import cpu
@@ -294,8 +293,6 @@ def version(
 
 def main() -> None:
     """Be the command `hil`; output that nobody can take is an error of its own."""
-    if sys.argv[1:2] in (["run"], ["bus"], ["node"]):
-        restart_at_fixed_addresses()
     atexit.register(gc.freeze)  # or the interpreter searches all that is imported for garbage before it ends
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (for the whole process)
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115 (as above)

@@ -1,4 +1,4 @@
-"""One node as a process of its own on the `hil` bus: `python -m hil.node_process NAME SCENARIO.json CHANNEL REPORT`.
+"""One node as a process of its own on the `hil` bus: `python -m hil.node_process NAME SCENARIO CODEC CHANNEL REPORT`.
 
 What the rig starts; `hil node` does the same by hand. Kept apart from the command line so that a node starts quickly.
 """
@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from dbc.codec import Codec
 from hil.assemble import build_node
 from hil.drive import over
 from hil.errors import HilError, NodeError, OutputError, failed
@@ -22,9 +23,9 @@ from hil.wire import client
 from hil.wire.protocol import Closed
 
 
-def run_node(scenario: Scenario, name: str, channel: str) -> dict[str, Any]:
+def run_node(scenario: Scenario, name: str, channel: str, codec: Codec | None = None) -> dict[str, Any]:
     """Play one node until the bus ends or its part is over; return its report, with the process's own figures."""
-    node = build_node(scenario, name, compiled=True)
+    node = build_node(scenario, name, codec, compiled=True)
     start_ns = -scenario.clock.setup_cycles * scenario.period_ns
     connection, welcome = client.join(channel, name, True, start_ns, node.wakes_on, node.stores)
     try:
@@ -69,10 +70,11 @@ def write_report(report: dict[str, Any], path: Path) -> None:
 
 def main() -> int:
     """Run as the rig's child."""
-    name, scenario_path, channel, report_path = sys.argv[1:]
+    name, scenario_path, codec_path, channel, report_path = sys.argv[1:]
 
     def play() -> dict[str, Any]:
-        return run_node(Scenario.model_validate_json(Path(scenario_path).read_text()), name, channel)
+        scenario = Scenario.model_validate_json(Path(scenario_path).read_text())
+        return run_node(scenario, name, channel, Codec.of_table(*json.loads(Path(codec_path).read_text())))
 
     return be_child(name, play, Path(report_path))
 

@@ -71,10 +71,11 @@ def run_processes(
 
 
 def _command(scenario: Scenario, channel: str, folder: Path) -> Callable[[str], list[str]]:
-    """Return what starts a node by its name, from a file that holds the scenario."""
-    resolved = folder / "scenario.json"
+    """Return what starts a node by its name, from files that hold the scenario and the codec."""
+    resolved, codec = folder / "scenario.json", folder / "codec.json"
     resolved.write_text(scenario.model_dump_json())
-    return lambda name: ["hil.node_process", name, str(resolved), channel, str(folder / f"{name}.json")]
+    codec.write_text(json.dumps(load_arm().table()))
+    return lambda name: ["hil.node_process", name, *map(str, (resolved, codec)), channel, str(folder / f"{name}.json")]
 
 
 def _run(

@@ -15,22 +15,52 @@ from hil import scenario_file
 from hil.scenario import Scenario
 from hil.wire import channel as channels
 
-SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
+SHORT = (
+    "clock.setup_cycles=60",
+    "duration_s=0.2",
+    "trajectory.time_s=0.15",
+    "trajectory.by_rad=[0.05, -0.05, 0.05]",
+)
+"""A move in 200 cycles, behind as many as the set-up needs."""
 COVERING = {"dbc", "firmware_py", "plant"}
 """Folders of the tests that cover the packages of the same names."""
+LONGEST = [
+    f"test_{name}.py"
+    for name in (
+        *("processes", "reproduce", "cli", "sync_rig", "readme", "experiment", "wall_rig", "rig_analysis"),
+        *("joint_c", "bridge", "hostile", "command", "two_senders", "page", "bus_errors", "cluster", "arms", "fuzz"),
+        *("words_apytypes", "frame_plan", "determinism", "rest", "dead_time", "limits", "rivals", "wall_drive"),
+    )
+]
+"""Files of more than 10 s, the longest first: one that begins last would keep one process busy and the others idle."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.name, len(rank)))
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Cover a package by its own tests alone: traced, a run of the whole rig takes 1.7 times as long."""
-    coverage = Coverage.current()
-    if coverage is None or COVERING & set(item.nodeid.split("/")):
+    if COVERING & set(item.nodeid.split("/")):
         return (yield)
-    coverage.stop()
+    with untraced():
+        return (yield)
+
+
+@contextmanager
+def untraced() -> Iterator[None]:
+    """Cover nothing meanwhile. pytest-cov starts twice in a process of xdist: the end of one would resume the other."""
+    stopped = []
+    while (coverage := Coverage.current()) is not None:
+        coverage.stop()
+        stopped.append(coverage)
     try:
-        return (yield)
+        yield
     finally:
-        coverage.start()
+        for coverage in reversed(stopped):
+            coverage.start()
 
 
 @pytest.fixture(autouse=True)

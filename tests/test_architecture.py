@@ -2,6 +2,7 @@
 
 import ast
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -53,9 +54,15 @@ def name_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@cache
 def imports(path: Path) -> dict[str, bool]:
     """Return the top-level packages that a module imports, and whether at its own top level."""
-    tree = ast.parse(path.read_text())
+    tree = parsed(path)
     found: dict[str, bool] = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -97,14 +104,13 @@ def test_heavy_packages_are_imported_where_they_are_used(package: str) -> None:
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_every_module_says_what_it_is_and_stays_small(path: Path) -> None:
     """A module opens with a docstring; 350 lines is where a drawer begins."""
-    text = path.read_text()
-    assert ast.get_docstring(ast.parse(text))
-    assert text.count("\n") <= 350
+    assert ast.get_docstring(parsed(path))
+    assert path.read_text().count("\n") <= 350
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_functions_stay_below_60_lines(path: Path) -> None:
-    functions = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.FunctionDef)]
+    functions = [n for n in ast.walk(parsed(path)) if isinstance(n, ast.FunctionDef)]
     long = {f.name for f in functions if (f.end_lineno or 0) - f.lineno > 60}
     assert long <= {"_bind"}  # firmware_py/words.py: a list of one-line operations
 

@@ -1,5 +1,6 @@
 """The codec against cantools and a CRC of its own, over every message of arm.dbc."""
 
+import json
 from importlib.resources import files
 from itertools import permutations
 
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dbc.codec import CodecError
+from dbc.codec import Codec, CodecError
 from dbc.compiler import load_arm
 
 DATABASE = cantools.database.load_file(str(files("dbc") / "arm.dbc"), strict=True)
@@ -174,3 +175,24 @@ def test_asking_for_a_name_is_no_error():
     assert "Encoder_1" in CODEC
     assert "Encoder_9" not in CODEC
     assert CODEC.get("Encoder_9") is None
+
+
+# -- handed over --
+
+
+@each_message
+def test_a_codec_that_is_handed_over_is_the_same(message):
+    """To a process that reads no database: each boundary is packed as here, the CRC with it; the factors to the bit."""
+    ours, theirs = CODEC[message.name], Codec.of_table(*json.loads(json.dumps(CODEC.table())))[message.name]
+    assert (theirs.identifier, theirs.length, theirs.signals) == (ours.identifier, ours.length, ours.signals)
+    for values in zip(*(raw_range(signal) for signal in carried(message)), strict=True):
+        assert theirs.pack(*values) == ours.pack(*values)
+        assert theirs.unpack(ours.pack(*values)) == values
+    for signal in carried(message):
+        assert theirs.factor(signal.name) == signal.scale
+
+
+def test_a_codec_that_is_handed_over_has_the_version_and_the_order():
+    theirs = Codec.of_table(*json.loads(json.dumps(CODEC.table())))
+    assert theirs.version == CODEC.version > 0
+    assert [*theirs] == [*CODEC] == [message.name for message in DATABASE.messages]

@@ -84,7 +84,7 @@ FAULTY = {
     "silence": fault("cut off", node="joint2", from_s=0.05, to_s=0.06),
     "late references": fault("queue delay", node="dsp", from_s=0.05, to_s=0.0515, delay_us=700.0),
     "no references": fault("queue delay", node="dsp", from_s=0.05, to_s=0.06, delay_us=900.0),
-    "an encoder twice": fault("bit error", identifier=0x102, occurrence=300, bit=-2, at=["dsp"]),
+    "an encoder twice": fault("bit error", identifier=0x102, occurrence=160, bit=-2, at=["dsp"]),
     "saturation": "joint.limit_A=0.5",
 }
 

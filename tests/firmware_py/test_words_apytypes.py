@@ -8,8 +8,10 @@ import pytest
 from apytypes import APyFixedArray, OverflowMode, QuantizationMode
 
 from firmware_py.words import ROUNDINGS, Words, rounded
+from tests.conftest import untraced
 
 PAIRS = 1_000_000
+COVERED = 1000
 EDGES = sorted(
     {sign * (1 << k) + off for k in range(16) for sign in (1, -1) for off in (-1, 0, 1)} & {*range(-32768, 32768)}
 )
@@ -52,7 +54,11 @@ def raw(numbers):
 
 
 def ours(operation, *operands):
-    return np.array([operation(*row) for row in zip(*(each.tolist() for each in operands), strict=True)])
+    """What an operation makes of each row; the last thousand are enough to cover it."""
+    rows = list(zip(*(each.tolist() for each in operands), strict=True))
+    with untraced():
+        most = [operation(*row) for row in rows[:-COVERED]]
+    return np.array(most + [operation(*row) for row in rows[-COVERED:]])
 
 
 @pytest.mark.parametrize(

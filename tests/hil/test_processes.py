@@ -92,6 +92,13 @@ def test_only_a_plant_that_runs_imports_numba() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.parametrize(("module", "unburdened"), [("hil.node_process", "can cantools"), ("hil.can_node", "cantools")])
+def test_a_node_takes_the_codec_over_and_reads_no_database(module: str, unburdened: str) -> None:
+    """Reading it is a quarter of a node's start."""
+    code = f"import sys, {module}; assert not set('{unburdened}'.split()) & sys.modules.keys()"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_twenty_runs_make_the_same_frames(short: Scenario) -> None:
     expected = run_inline(short).log.sha256()
     assert {run_processes(short, f"arm{k}").log.sha256() for k in range(10)} == {expected}
@@ -125,7 +132,7 @@ def test_a_node_that_is_stopped_for_a_second_changes_nothing(name: str, hil: Any
 
 @pytest.mark.parametrize("name", ["plant", "dsp", "joint1", "joint2", "joint3"])
 def test_a_killed_node_ends_the_run_with_its_name(name: str, hil: Any) -> None:
-    rig = hil.start("run", "--set", "duration_s=60")
+    rig = hil.start("run", "--set", "duration_s=30")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes[name]) > 40)
     os.kill(nodes[name], signal.SIGKILL)
@@ -139,7 +146,7 @@ def test_a_killed_node_ends_the_run_with_its_name(name: str, hil: Any) -> None:
 
 @pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupting_the_rig_ends_every_node(number: int, exit_code: int, hil: Any) -> None:
-    rig = hil.start("run", "--set", "duration_s=60")
+    rig = hil.start("run", "--set", "duration_s=30")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["plant"]) > 40)
     rig.send_signal(number)
@@ -150,6 +157,7 @@ def test_interrupting_the_rig_ends_every_node(number: int, exit_code: int, hil: 
 
 
 def test_killing_the_rig_itself_leaves_no_orphan(hil: Any) -> None:
+    """With a plant in machine code, as a run of 40 s and more has it; the other runs that are cut off are shorter."""
     rig = hil.start("run", "--set", "duration_s=60")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["plant"]) > 40)
@@ -170,7 +178,7 @@ def name_of_or_none(pid: int) -> str:
 
 
 def test_a_node_that_hangs_is_named_when_the_patience_is_over(hil: Any) -> None:
-    rig = hil.start("run", "--patience", "1.5", "--set", "duration_s=60")
+    rig = hil.start("run", "--patience", "1.5", "--set", "duration_s=30")
     nodes = wait_for(lambda: (found := nodes_of(rig.pid)) and len(found) == 5 and found)
     wait_for(lambda: cpu_ticks(nodes["joint3"]) > 40)
     os.kill(nodes["joint3"], signal.SIGSTOP)
@@ -287,7 +295,7 @@ def test_nodes_by_hand_say_when_the_run_did_not_come_to_its_end(hil: Any) -> Non
     bus = hil.start("bus", "arm", "--expect", "plant,dsp,joint1,joint2,joint3")
     bus.stdout.readline()
     words = {"plant": ["plant"], "dsp": ["dsp"], **{f"joint{n}": ["joint", str(n)] for n in (1, 2, 3)}}
-    nodes = {name: hil.start("node", *each, "--set", "duration_s=60") for name, each in words.items()}
+    nodes = {name: hil.start("node", *each, "--set", "duration_s=30") for name, each in words.items()}
     wait_for(lambda: "time begins" in bus.stdout.readline())
     joined = cpu_ticks(nodes["joint2"].pid)
     wait_for(lambda: cpu_ticks(nodes["joint2"].pid) > joined)
@@ -307,7 +315,7 @@ def test_a_node_that_is_killed_on_a_bus_that_goes_on_brakes_the_arm(hil: Any) ->
     bus = hil.start("bus", "arm", "--expect", "plant,dsp,joint1,joint2,joint3", "--go-on")
     bus.stdout.readline()
     words = {"plant": ["plant"], "dsp": ["dsp"], **{f"joint{n}": ["joint", str(n)] for n in (1, 2, 3)}}
-    nodes = {name: hil.start("node", *each, "--set", "duration_s=60") for name, each in words.items()}
+    nodes = {name: hil.start("node", *each, "--set", "duration_s=30") for name, each in words.items()}
     wait_for(lambda: "time begins" in bus.stdout.readline())
     joined = cpu_ticks(nodes["joint2"].pid)
     wait_for(lambda: cpu_ticks(nodes["joint2"].pid) > joined + 20)  # 0.2 s of work: the set-up takes less

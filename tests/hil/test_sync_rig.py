@@ -25,8 +25,8 @@ from hil.can_port import CanPort, _refusal
 from hil.errors import ChannelError, NodeError, ScenarioError
 from hil.rig import run_inline
 from hil.wire import channel as channels
+from tests.conftest import SHORT
 
-SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
 PLACE = Place("hil", "street", {})
 LIMIT_S = 60
 
@@ -133,7 +133,7 @@ def node_of(rig: int, name: str) -> int | None:
 @pytest.mark.usefixtures("street")
 def test_killed_node_ends_the_run_with_its_name_and_a_stop(hil: Any) -> None:
     witness = CanPort("hil", "street", {0x010})
-    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=60")
+    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=30")
     os.kill(wait_for(lambda: node_of(rig.pid, "joint3")), signal.SIGKILL)
     _, err = rig.communicate(timeout=LIMIT_S)
     assert rig.returncode == 5
@@ -154,7 +154,7 @@ def test_patience_ends_a_run_that_waits_for_a_board_and_names_it() -> None:
 @pytest.mark.usefixtures("street")
 def test_stop_from_anybody_stops_the_arm(hil: Any) -> None:
     """As `cansend street 010#01`."""
-    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=60")
+    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=30")
     witness = CanPort("hil", "street", {0x080})
     while wait_for(lambda: witness.receive(1.0)) != (0x080, b"\x10"):
         pass
@@ -168,7 +168,7 @@ def test_stop_from_anybody_stops_the_arm(hil: Any) -> None:
 @pytest.mark.usefixtures("street")
 def test_ctrl_c_stops_the_arm_and_leaves_no_process(hil: Any, children_of: Any) -> None:
     witness = CanPort("hil", "street", {0x010})
-    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=60")
+    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=30")
     wait_for(lambda: node_of(rig.pid, "dsp"))
     children = children_of(rig.pid)
     rig.send_signal(signal.SIGINT)
@@ -194,7 +194,7 @@ def test_board_left_in_run_by_a_killed_rig_is_stopped_before_the_next_set_up(
     """And a board that waits for its first set-up goes on waiting: that Stop is not for it."""
     words = ["-c", "street", "--set", "clock.kind=sync"]
     board = hil.start("node", "joint", "2", *words)
-    rig = hil.start("run", "-i", "hil", *words, "--json", "--external", "joint2", "--set", "duration_s=60")
+    rig = hil.start("run", "-i", "hil", *words, "--json", "--external", "joint2", "--set", "duration_s=30")
     witness = CanPort("hil", "street", {0x080})
     for byte in (b"\xff", b"\x10"):  # the last cycle of the set-up, then cycle 16
         while wait_for(lambda: witness.receive(1.0)) != (0x080, byte):
@@ -347,7 +347,7 @@ def test_module_says_how_it_is_started() -> None:
 @pytest.mark.usefixtures("street")
 def test_other_traffic_on_the_bus_hides_no_dead_node(hil: Any) -> None:
     """Frames that are none of ours, more often than the rig looks around."""
-    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=60")
+    rig = hil.start("run", "-i", "hil", "-c", "street", "--clock", "sync", "--json", "--set", "duration_s=30")
     with can.Bus(interface="hil", channel="street") as other:
         other.send_periodic(can.Message(arbitration_id=0x700, is_extended_id=False), 0.02)
         os.kill(wait_for(lambda: node_of(rig.pid, "joint3")), signal.SIGKILL)

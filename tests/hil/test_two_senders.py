@@ -60,7 +60,7 @@ def test_sender_of_our_identifiers_is_named_before_anything_is_started(hil: Any)
 def test_run_that_is_going_on_is_left_alone(hil: Any) -> None:
     hil.bus("street")
     other = CanPort("hil", "street", {0x080})
-    first = hil.start(*WORDS, "--set", "duration_s=60")
+    first = hil.start(*WORDS, "--set", "duration_s=30")
     while other.receive(1.0) is None:
         pass
     other.close()
@@ -101,7 +101,7 @@ def test_bit_rate_is_looked_at_first(hil: Any, rate: str, fits: bool) -> None:
 def test_second_sender_in_a_run_ends_it_with_a_stop(hil: Any) -> None:
     hil.bus("street")
     witness = CanPort("hil", "street", {0x010, 0x080})
-    rig = hil.start(*WORDS, "--set", "duration_s=60")
+    rig = hil.start(*WORDS, "--set", "duration_s=30")
     while witness.receive(1.0) != (0x080, b"\x10"):
         pass
     with sender("Current_2", 1234, 5, 0x40):

@@ -18,10 +18,13 @@ from tests.hil.test_stamps import Clocks
 T_NS = 1_000_000
 MS = 1_000_000
 STOP, SYNC = 0x010, 0x080
+SETUP_CYCLES = 60
+"""What the set-up needs: the tests are of the run."""
 
 
 def load(name: str = "paper-joint", **settings: object) -> Scenario:
-    given = {"clock.kind": "wall", "bus.fidelity": "functional", "duration_s": 0.2} | settings
+    wall = {"clock.kind": "wall", "clock.setup_cycles": SETUP_CYCLES, "bus.fidelity": "functional", "duration_s": 0.2}
+    given = wall | settings
     return scenario_file.load(name, [f"{key}={value}" for key, value in given.items()])
 
 
@@ -81,7 +84,7 @@ def test_states_go_out_before_the_end_of_their_cycle() -> None:
 def test_whoever_comes_late_to_the_set_up_is_waited_for() -> None:
     machine = Clockwork(load(), lose=lambda identifier, _: identifier == 0x122)
     machine.run(1.0)
-    assert machine.witness.cycle == -200
+    assert machine.witness.cycle == -SETUP_CYCLES
     assert machine.witness.missing() == "joint2"
 
 
@@ -256,7 +259,7 @@ def test_a_sync_that_gets_lost_is_a_cycle_without_encoders() -> None:
 
     def lose(identifier: int, _data: bytes) -> bool:
         sent.append(identifier)
-        return identifier == SYNC and sent.count(SYNC) == 200 + 50
+        return identifier == SYNC and sent.count(SYNC) == SETUP_CYCLES + 50
 
     machine = ran(load(), lose=lose)
     assert machine.witness.figures()["skipped_cycles"] == 1

@@ -70,7 +70,7 @@ def check_figures(figures: dict[str, Any]) -> None:
 @pytest.mark.parametrize(("name", "says"), [("joint2", "joint2 was killed by SIGKILL"), ("dsp", "dsp was killed")])
 @pytest.mark.usefixtures("street")
 def test_a_killed_node_brakes_the_arm_and_is_named(hil: Any, name: str, says: str) -> None:
-    rig = hil.start(*command("--set", "duration_s=60"))
+    rig = hil.start(*command("--set", "duration_s=30"))
     with_stop = CanPort("hil", "street", {0x010})
     in_run(name, rig.pid)
     os.kill(node_of(rig.pid, name), signal.SIGKILL)
@@ -84,7 +84,7 @@ def test_a_killed_node_brakes_the_arm_and_is_named(hil: Any, name: str, says: st
 
 @pytest.mark.usefixtures("street")
 def test_a_dsp_that_sleeps_finds_the_arm_braked_and_the_run_over(hil: Any) -> None:
-    rig = hil.start(*command("--set", "duration_s=60"))
+    rig = hil.start(*command("--set", "duration_s=30"))
     in_run("dsp", rig.pid)
     pid = node_of(rig.pid, "dsp")
     with_stop = CanPort("hil", "street", {0x010})
@@ -100,7 +100,7 @@ def test_a_dsp_that_sleeps_finds_the_arm_braked_and_the_run_over(hil: Any) -> No
 
 @pytest.mark.usefixtures("street")
 def test_nodes_of_a_rig_that_was_killed_end(hil: Any, children_of: Any) -> None:
-    rig = hil.start(*command("--set", "duration_s=60"))
+    rig = hil.start(*command("--set", "duration_s=30"))
     in_run("dsp", rig.pid)
     children = children_of(rig.pid)
     rig.kill()

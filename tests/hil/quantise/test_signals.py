@@ -23,9 +23,9 @@ from hil.quantise.signals import (
 from hil.quantise.tap import COLUMNS, Tap
 from hil.rig import run_inline
 from hil.word_format import WordFormat, words_of
+from tests.conftest import SHORT
 
 I16, I32 = np.iinfo(np.int16), np.iinfo(np.int32)
-SHORT = ("duration_s=0.2", "trajectory.time_s=0.15", "trajectory.by_rad=[0.05, -0.05, 0.05]")
 ROWS = 20_000
 KTN = (10.0, 6.0, 2.0)
 FORM = WordFormat.of(scenario_file.load("paper-joint"), load_arm())

@@ -78,14 +78,14 @@ def test_no_end_is_promised_to_a_joint_by_its_own_timer() -> None:
 
 
 def test_every_wake_up_is_timed(short: Scenario) -> None:
-    """The plant and the joints wake once a cycle, the DSP for Sync and for the last Encoder; 200 cycles of set-up."""
+    """The plant and the joints wake once a cycle, the DSP for Sync and for the last Encoder; 60 cycles of set-up."""
     wakes_s, total_s = time_nodes(short)
     assert {name: len(each) for name, each in wakes_s.items()} == {
-        "plant": 400,
-        "dsp": 800,
-        "joint1": 400,
-        "joint2": 400,
-        "joint3": 400,
+        "plant": 260,
+        "dsp": 520,
+        "joint1": 260,
+        "joint2": 260,
+        "joint3": 260,
     }
     assert sum(map(sum, wakes_s.values())) <= total_s
 
