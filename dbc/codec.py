@@ -116,7 +116,7 @@ class Codec(dict[str, MessageCodec]):
 
     def table(self) -> tuple[list[Row], int]:
         """Return what `of_table` makes the same codec of, as JSON can hold it: a node of a run reads no database."""
-        return [(each.name, each.identifier, each.layout, each._protected) for each in self.values()], self.version
+        return [(each.name, each.identifier, each.layout, each.protected) for each in self.values()], self.version
 
     @classmethod
     def of_table(cls, rows: list[Row], version: int) -> "Codec":
