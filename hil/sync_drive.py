@@ -156,7 +156,7 @@ class JointDrive(SyncDrive):
             return []
         if reference is not None and self.reference in self.node.stores:
             self.node.store(self.reference, reference, self.now_ns)
-        self._waiting, self.cycle = None, max(self.cycle, cycle)
+        self._waiting, self.cycle = None, cycle  # Encoder's, though Sync of a later one may have come before it
         return self._answer(self.encoder, data)
 
     def _waits(self, cycle: int) -> bool:

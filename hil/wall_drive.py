@@ -121,7 +121,7 @@ class WallJoint(WallDrive, JointDrive):
 
     def _answer(self, identifier: int, data: bytes) -> list[Frame]:
         if identifier == self.encoder:
-            if self._laid[0] != self.now_ns:
+            if self._laid[0] < self.now_ns:
                 self._lay(self.now_ns, self._encoder_came_ns)
             self._forget()
         return super()._answer(identifier, data)

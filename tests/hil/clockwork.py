@@ -11,6 +11,7 @@ from heapq import heappop, heappush
 from dbc.compiler import load_arm
 from hil.assemble import build_nodes
 from hil.scenario import Scenario
+from hil.two_senders import TwoSenders
 from hil.wall_drive import WallDrive, make_wall_drive
 from hil.wall_witness import WallWitness
 
@@ -39,7 +40,8 @@ class Clockwork:
     """Runs a scenario. frozen, deaf: (from, until) in ns since Sync 0, by node; deaf: nothing in or out.
 
     lose: whether nobody gets this frame. shift: what a stamp is wrong by. reset: when a node begins anew, by node.
-    external, errors: what the rig knows of somebody else's nodes, and of errors on its bus.
+    external, errors: what the rig knows of somebody else's nodes, and of errors on its bus. Raises ChannelError where
+    the rig would take one of its own nodes for somebody else.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class Clockwork:
         self.processes = {n.name: Process(make_wall_drive(n, scenario, CODEC)) for n in build_nodes(scenario)}
         self.reset = reset or {}
         self.witness = WallWitness(scenario, CODEC, external, errors)
+        self.senders = TwoSenders(CODEC, in_order=False)
         self.stretch = 1.0 / scenario.clock.pace
         self.frozen, self.deaf, self.lose, self.shift = frozen or {}, deaf or {}, lose, shift
         self.began_ns: int | None = None
@@ -100,6 +103,7 @@ class Clockwork:
             for name, at_ns in self.reset.items():
                 self._at(now_ns + at_ns, lambda _, name=name: self._begin_anew(name))
         if not self.witness.stopped:
+            self.senders.hear(identifier, data, self.witness.cycle)
             self.witness.hear(identifier, data, now_ns)
         for name, process in self.processes.items():
             if name == sender or identifier not in process.drive.listens:

@@ -143,6 +143,23 @@ def test_a_process_that_was_late_itself_accuses_nobody() -> None:
     assert plant(machine)["fault"] != "no Sync for 3 periods: brakes engaged"
 
 
+@pytest.mark.parametrize("periods", [1, 2])
+def test_an_encoder_behind_the_next_sync_has_its_own_turn_and_no_other(periods: int) -> None:
+    """The plant sleeps in each of the five turns, and says several Encoders at once; turns by docs/board.md."""
+    sleeps = [20, 41, 62, 83, 104]
+    naps = [(k * MS + 300_000, (k + periods + 1) * MS) for k in sleeps]
+    machine = ran(load(), frozen={"plant": naps})
+    assert machine.began_ns is not None
+    said: dict[int, dict[int, int]] = defaultdict(dict)
+    for at_ns, identifier, data, _ in machine.sent_ns:
+        if identifier >= 0x400 and at_ns > machine.began_ns:
+            said[identifier][CODEC.by_identifier[identifier].unpack(data)[-1]] = (at_ns - machine.began_ns) // T_NS
+    late = {k + each: k + periods + 1 for k in sleeps for each in range(1, periods + 1)}
+    for n in (1, 2, 3):
+        assert said[0x400 + n] == {k: late.get(k, k) for k in range(n, 200, 10)}
+        assert said[0x480 + n] == {k: late.get(k, k) for k in range(n + 5, 200, 10)}
+
+
 def test_brakes_are_commanded_when_the_process_comes_to_it() -> None:
     """Frozen when its deadline came: the time that is reported is not that of the deadline."""
     machine = ran(load(), deaf={"dsp": [(50 * MS, 10**15)]}, frozen={"plant": [(51 * MS, 70 * MS)]})
