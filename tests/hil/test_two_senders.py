@@ -189,3 +189,28 @@ def test_what_a_single_sender_may_send(name: str) -> None:
     senders = TwoSenders(CODEC)
     for each in LEGAL[name]:
         senders.hear(*each, 9)
+
+
+LATE = {
+    "a State behind the next Sync": [frame("Sync", 1), frame("Sync", 2), frame("State_1", 2, 0, 0, 0, 0, 1)],
+    "Encoders of two cycles at once": [frame("Sync", 2), frame("Encoder_1", 7, 1), frame("Encoder_1", 8, 2)],
+    "Encoder in front of its Sync, then an older one": [frame("Encoder_1", 8, 9), frame("Encoder_1", 7, 8)],
+    "cycles that the DSP skipped": [frame("Sync", 100), frame("Current_1", 7, 3, 1), frame("Current_1", 8, 3, 100)],
+}
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_by_the_wall_late_is_no_other_sender(name: str) -> None:
+    senders = TwoSenders(CODEC, in_order=False)
+    for each in [FIRST, *LATE[name]]:
+        senders.hear(*each, 9)
+
+
+@pytest.mark.parametrize("name", [name for name in STRANGE if name.startswith(("two", "wrong"))])
+def test_by_the_wall_two_things_of_one_cycle_are_still_two_senders(name: str) -> None:
+    *before, last = [FIRST, *STRANGE[name][0]]
+    senders = TwoSenders(CODEC, in_order=False)
+    for each in before:
+        senders.hear(*each, 9)
+    with pytest.raises(ChannelError, match=STRANGE[name][1]):
+        senders.hear(*last, 9)
