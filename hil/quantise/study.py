@@ -10,6 +10,7 @@ import numpy as np
 from dbc.codec import Codec
 from dbc.compiler import load_arm
 from firmware_py.joint_cpu import PARAMETERS_NAMES, SHIFT
+from hil.errors import ScenarioError
 from hil.evaluate import Evaluation, evaluate
 from hil.exact_constants import rad_per_count
 from hil.quantise import signals
@@ -22,6 +23,7 @@ from hil.quantise.signals import AS_IT_WAS, SATURATED, UNDERFLOWED, Signal, Trac
 from hil.quantise.tap import Tap
 from hil.rig import Progress, no_progress, run_inline
 from hil.scenario import Scenario
+from hil.scenario_joint import I8086, PYTHON
 from hil.summary import faults
 from hil.word_format import WordFormat, words_of
 
@@ -52,6 +54,7 @@ def study(scenario: Scenario, progress: Progress = no_progress) -> Study:
 
     Without the second and third if the first stops itself.
     """
+    _check_cpus(scenario)
     codec = load_arm()
     measured = measured_run(scenario, codec, lambda share: progress(share / 3))
     compared = proposed = None
@@ -66,6 +69,16 @@ def study(scenario: Scenario, progress: Progress = no_progress) -> Study:
         "proposal": proposed,
     }
     return Study(found, measured.stopped)
+
+
+def _check_cpus(scenario: Scenario) -> None:
+    """Refuse joints of machine code, which would go on in its own formats where others are tried."""
+    for joint in range(1, scenario.joints + 1):
+        if scenario.cpu(joint) == I8086:
+            raise ScenarioError(
+                f"joint{joint}: cpu = {I8086!r}: its machine code is of the default formats, and others are tried "
+                f"here: take cpu = {PYTHON!r}, which computes the same bits"
+            )
 
 
 def measured_run(scenario: Scenario, codec: Codec, progress: Progress = no_progress) -> Measured:

@@ -204,6 +204,13 @@ def test_a_law_of_ones_own_ends_with_the_reason(hil, short_settings):
     assert run.stdout == ""
 
 
+def test_joints_of_machine_code_have_no_other_formats_to_try(hil, short_settings):
+    """They would have computed on in their own, and no proposal would have been proved."""
+    run = hil.run("quantise", *short_settings, "--set", "joint2.cpu=i8086")
+    assert (run.returncode, run.stdout) == (3, "")
+    assert run.stderr.startswith("hil: joint2: cpu = 'i8086': its machine code is of the default formats")
+
+
 def test_no_signal_of_a_run_leaves_its_derived_range(paper):
     rows = [row for row in paper.found["signals"] if "derived_min" in row]
     assert {row["name"] for row in rows} >= {"w", "dw", "KB*dw", "i", "d"}
