@@ -34,12 +34,14 @@ def check_machine_code(scenario: Scenario) -> None:
 
 def _check_machine_code(scenario: Scenario, joint: int) -> None:
     named = f"joint{joint}: cpu = {I8086!r}"
-    given = {"compute_s": scenario.of_joint(joint, "compute_s"), "clocks": scenario.of_joint(joint, "clocks")}
     for key, usual in (("compute_s", None), ("clocks", INTERRUPT_CLOCKS)):
-        if given[key] != usual:
+        given = scenario.of_joint(joint, key)
+        if given != usual:
+            own = getattr(scenario.own(joint), key) is not None
+            where, cure = (f"joint{joint}", "") if own else ("joint", ", or give it to other joints one by one")
             raise ScenarioError(
-                f"{named} with {key} = {given[key]}: its computing time is the clocks that its machine code takes over "
-                f"clock_hz: leave {key} out"
+                f"{named} with {where}.{key} = {given}: its computing time is the clocks that its machine code takes "
+                f"over clock_hz: leave {key} out{cure}"
             )
     if scenario.joint.word != Word():
         changed = [f"{key} = {value}" for key, value in scenario.joint.word if value != getattr(Word(), key)]
