@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from hil.i8086.cost import floor_clocks
+from hil.paper.table1 import planar_operations
 from hil.rig import run_inline
 from hil.scenario_file import load
 
@@ -69,6 +71,16 @@ def test_the_table_has_every_line_of_the_step_and_labels_that_are_there() -> Non
     assert [line for line, _ in rows if line != "make_step"] == of_the_law
     for label in re.findall(r"`(\w+)`", " ".join(labels for _, labels in rows)):
         assert re.search(rf"^{label}:", SOURCE, re.M), label
+
+
+def test_the_planar_arm_takes_what_the_page_says(report: tuple[str, Path]) -> None:
+    """In periods at 8 MHz, from alone to as steps."""
+    cost = json.loads((report[1] / "cpu.json").read_text())["cost"]
+    planar = planar_operations(3)
+    alone_s = floor_clocks(planar, cost["imul_clocks"]) / 8e6
+    as_steps_s = alone_s * cost["step"]["clocks"] / cost["step"]["floor_clocks"]
+    said = f"{planar.multiplications} and {planar.additions} operations"
+    assert f"{said} (`hil/paper/table1.py`), it would be {alone_s * 1e3:.1f} to {as_steps_s * 1e3:.1f} periods" in PAGE
 
 
 @pytest.mark.parametrize("path", sorted({*re.findall(r"`((?:hil|firmware_py)/[\w/.]+)`", PAGE)}))
