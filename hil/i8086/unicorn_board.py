@@ -1,4 +1,4 @@
-"""The board by Unicorn, which translates the machine code into this host's: twenty times as fast as interpreting it.
+"""The board by Unicorn, which translates the machine code into this host's: ten times as fast as interpreting it.
 
 Unicorn knows no clocks: they are those of the straight line, and where something saturates the interpreter executes the
 step again, and counts.
