@@ -154,9 +154,9 @@ def check_budget(scenario: Scenario) -> None:
     if scenario.bus.fidelity == "bits" and end_ns > scenario.period_ns:
         raise ScenarioError(
             f"the frames of one cycle need {end_ns / 1000:.0f} us at bus.bitrate = {scenario.bus.bitrate} and with the "
-            f"computing times compute_s, but clock.period_s = {scenario.clock.period_s} leaves "
-            f"{scenario.period_ns / 1000:.0f} us: raise the bit rate or the period, or compute faster "
-            f"({_bits_sum(scenario.joints)}; the rest is waiting for what is computed)"
+            f"computing times, but clock.period_s = {scenario.clock.period_s} leaves "
+            f"{scenario.period_ns / 1000:.0f} us: raise the bit rate or the period, or compute faster (clock_hz, "
+            f"compute_s); {_bits_sum(scenario.joints)}; the rest is waiting for what is computed"
         )
 
 

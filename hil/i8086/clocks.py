@@ -1,9 +1,10 @@
-"""The clocks that the 8086's manual documents, by form of instruction, with those of IMUL by its operands.
+"""The clocks that are documented of the 8086, by form of instruction, with those of IMUL by its operands.
 
 They leave out what is waiting for: instruction bytes that are not yet fetched, and wait states. A form is named by its
 opcode, without a register in its low bits, and the operation that ModRM has: "83.7" is CMP of a word and a signed byte.
 
-Ref: Intel 8086 Family User's Manual 1979, table 2-21; RET and IRET as measured on silicon, where tables differ.
+Ref: instruction timing tables of the 8086, made after table 2-21 of the Intel 8086 Family User's Manual 1979, which was
+not at hand itself; RET and IRET as measured on silicon, where tables differ.
 """
 
 from typing import NamedTuple

@@ -35,14 +35,14 @@ def cpu(
         new_folder(out, as_json, chosen.name)
     with show.progress(f"{chosen.name}", quiet=as_json) as (step, _notice):
         result = study(chosen, step)
-    if out is not None:
-        _write(result, out)
+    console = Console(markup=False, highlight=False)
     if as_json:
         print(json.dumps(result.found, allow_nan=False))
     else:
-        console = Console(markup=False, highlight=False)
         show_cpu(console, result.found)
-        if out is not None:
+    if out is not None:
+        _write(result, out)
+        if not as_json:
             console.print(f"results: {out}", soft_wrap=True)
     for fault in result.faults:
         raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")

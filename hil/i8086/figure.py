@@ -53,11 +53,12 @@ def _times(axes: "Axes", found: dict[str, Any]) -> None:
     cost = found["cost"]
     this_arm = next(row for row in cost["newton_euler"] if row["joints"] == len(found["joints"]))
     most = max(joint["interrupt"]["bounds"][1] for joint in found["joints"])
+    n = this_arm["joints"]
     bars = (
         ("step, mean", cost["step"]["clocks"]),
         ("interrupt, at most", most),
-        ("Newton-Euler, alone\n(estimate)", this_arm["floor_clocks"]),
-        ("Newton-Euler, as steps\n(estimate)", this_arm["clocks_as_the_step"]),
+        (f"Newton-Euler, {n} joints,\nalone (estimate)", this_arm["floor_clocks"]),
+        (f"Newton-Euler, {n} joints,\nas steps (estimate)", this_arm["clocks_as_the_step"]),
     )
     clocks_hz = [row["clock_hz"] for row in found["clocks"]]
     for k, (label, clocks) in enumerate(bars):

@@ -114,7 +114,7 @@ def _newton_euler(cost: dict[str, Any], clocks_hz: list[float]) -> Table:
         n = row["joints"]
         steps = n * step["clocks"]
         counted = (str(n * step[key]) for key in OPERATIONS)
-        table.add_row(f"{n} steps", *counted, *_at(steps, clocks_hz), "")
+        table.add_row(f"{n} step{'s' * (n > 1)}", *counted, *_at(steps, clocks_hz), "")
         for what, clocks in (("alone", row["floor_clocks"]), ("as steps", row["clocks_as_the_step"])):
             counted = (str(row[key]) for key in OPERATIONS)
             table.add_row(f"Newton-Euler, {what}", *counted, *_at(clocks, clocks_hz), f"{clocks / steps:.0f}")

@@ -50,6 +50,11 @@ def least_clocks(scenario: Scenario, joint: int) -> int:
     return _clocks_but_multiplications(_shift(scenario, joint))
 
 
+def beyond_clocks(scenario: Scenario, joint: int) -> int:
+    """Return by how many clocks, at most, an interrupt of joint 1 to n in which something saturates is longer."""
+    return interrupt_bounds(scenario, joint)[1] - most_clocks(scenario, joint)
+
+
 def step_clocks(scenario: Scenario, joint: int) -> tuple[int, int]:
     """Return the least and most clocks of the control step alone, of joint 1 to n, in which nothing saturates."""
     around = INTERRUPT + _bounds(image.INTERRUPT, 0).least_clocks - _bounds(image.STEP, 0).least_clocks

@@ -5,7 +5,9 @@ from typing import Any
 
 from dbc.compiler import describe_arm
 from hil.constants import BY_TURNS, cycle_frames
+from hil.i8086.straight_line import beyond_clocks
 from hil.scenario import Scenario
+from hil.scenario_joint import I8086
 from hil.timing.analysis import seconds
 from hil.timing.cycle import Bound
 from hil.timing.response_time import Errors
@@ -50,6 +52,7 @@ class Analysis:
             "lowest_bitrate": lowest_bitrate(self.cycle, errors=self.errors),
             "by_joints": by_joints(self.cycle, data_bit_ns),
             "queues": self._queues(),
+            "beyond_declared_s": self._beyond_declared_s(),
             "messages": self._rows(seen, by_answer),
             "chains": [],
         }
@@ -68,6 +71,15 @@ class Analysis:
             held = None if self.worst is None else len(names) <= QUEUE_DEPTH
             found.append({"node": node, "frames_at_most": len(names), "depth": QUEUE_DEPTH, "holds": held})
         return found
+
+    def _beyond_declared_s(self) -> dict[str, float]:
+        """Return by how much a step of each joint of machine code may outlast its declared time, where it saturates."""
+        scenario, joints = self.scenario, range(1, self.cycle.joints + 1)
+        return {
+            f"joint{n}": beyond_clocks(scenario, n) / scenario.of_joint(n, "clock_hz")
+            for n in joints
+            if scenario.cpu(n) == I8086
+        }
 
     def _actual_spans(self, seen: Seen) -> Spans:
         """Return the shortest and longest frame of each slot that a run has shown."""

@@ -24,7 +24,7 @@ def show(console: Console, found: dict[str, Any]) -> None:
     )
     if found["chains"]:
         console.print(f"missed, of {found['cycles']} cycles: by bus, CPU, drive's dead time, this host")
-    for line in [*_rates(found), *_beyond(found)]:
+    for line in [*_rates(found), *_beyond(found), *_saturating(found["beyond_declared_s"])]:
         console.print(line, soft_wrap=True)
 
 
@@ -52,6 +52,14 @@ def _beyond(found: dict[str, Any]) -> list[str]:
     if found["clock"] == "wall":
         why = "bounds are of nodes that compute as declared, in real time: this host takes longer"
     return [f"beyond their bounds: {', '.join(beyond)}: {why}"]
+
+
+def _saturating(beyond_s: dict[str, float]) -> list[str]:
+    """Return what bounds leave out of joints of machine code."""
+    if not beyond_s:
+        return []
+    each = ", ".join(f"{name} up to {longer_s * 1e6:.1f} us" for name, longer_s in beyond_s.items())
+    return [f"bounds hold while nothing saturates in the machine code, where it takes longer: {each}"]
 
 
 def _messages(found: dict[str, Any]) -> Table:
