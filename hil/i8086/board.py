@@ -26,6 +26,7 @@ class Board(ABC):
         self.given: tuple[int, ...] = (0,) * 10
         self.answered: tuple[int, ...] = (0,) * 4
         self.saturated = False
+        self._counters = [0] * len(COUNTED)
         image.load(memory)
 
     def step(self, words: Any, count: int, count_prev: int, w_prev: int, d: int, *rest: int) -> tuple[int, ...]:
@@ -34,15 +35,14 @@ class Board(ABC):
         self.count = count
         self.given = (count, count_prev, w_prev, d, *rest)
         image.PARAMETERS.pack_into(memory, image.DATA_AT, count_prev & 0xFFFF, w_prev, d, *rest)
-        before = image.SATURATIONS.unpack_from(memory, image.SATURATIONS_AT)
         self.interrupt()
-        after = image.SATURATIONS.unpack_from(memory, image.SATURATIONS_AT)
-        self.saturated = after != before
+        w, d, i, estimate, *counters = image.RESULTS.unpack_from(memory, image.RESULTS_AT)
+        self.saturated = counters != self._counters
         if self.saturated:
-            for signal, was, is_ in zip(COUNTED, before, after, strict=True):
+            for signal, was, is_ in zip(COUNTED, self._counters, counters, strict=True):
                 words.saturations[signal] += (is_ - was) & 0xFFFF
-        w, d = image.STATE.unpack_from(memory, image.STATE_AT)
-        self.answered = (w, d, *image.ANSWER.unpack_from(memory, image.ANSWER_AT))
+            self._counters = counters
+        self.answered = w, d, i, estimate
         return self.answered
 
     @property

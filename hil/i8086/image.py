@@ -21,13 +21,9 @@ HLT = 0xF4
 
 PARAMETERS = Struct("<Hhi6h")
 """count_prev, w_prev, d, a_ref, KA, KB, KJ, shift, current limit: from DS:0 on."""
-STATE, STATE_AT = Struct("<hi"), DATA_AT + 2
-"""w_prev, d."""
-ANSWER, ANSWER_AT = Struct("<2h"), DATA_AT + PARAMETERS.size
-"""i, estimate."""
-SATURATIONS, SATURATIONS_AT = Struct("<4H"), ANSWER_AT + ANSWER.size
-"""Of KB dw, d, i, i - d: counters that wrap."""
-DATA_BYTES = SATURATIONS_AT + SATURATIONS.size - DATA_AT
+RESULTS, RESULTS_AT = Struct("<hi12x2h4H"), DATA_AT + 2
+"""w_prev, d; behind the parameters i, estimate; saturations of KB dw, d, i, i - d: counters that wrap."""
+DATA_BYTES = RESULTS_AT + RESULTS.size - DATA_AT
 
 ENCODER, DAC, INTERRUPT_CONTROLLER = 0x10, 0x12, 0x20
 """Ports."""

@@ -4,6 +4,7 @@ The loop's rounds are the parameter `shift` alone, so an interrupt takes what an
 its three multiplications take more. The interpreter counted the idle one.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 from dbc.compiler import load_arm
@@ -35,9 +36,16 @@ def _clocks_but_multiplications(shift: int) -> int:
     return executed_clocks(*(0,) * 8, shift, 0) - MULTIPLICATIONS * multiply(0, 0)
 
 
-def straight_clocks(shift: int, *operands: tuple[int, int]) -> int:
-    """Return the clocks of an interrupt in which nothing saturates, by the operands (AX, word) of its IMULs."""
-    return _clocks_but_multiplications(shift) + sum(multiply(ax & 0xFFFF, by & 0xFFFF) for ax, by in operands)
+def straight_clocks(given: Sequence[int], answered: Sequence[int]) -> int:
+    """Return the clocks of an interrupt in which nothing saturated, by arguments and results of its step."""
+    _count, _count_prev, w_prev, _d, a_ref, ka, kb, kj, shift, _limit = given
+    w, _, i, estimate = answered
+    return (
+        _clocks_but_multiplications(shift)
+        + multiply(w - w_prev & 0xFFFF, kb & 0xFFFF)
+        + multiply(a_ref & 0xFFFF, kj & 0xFFFF)
+        + multiply(i - estimate & 0xFFFF, ka & 0xFFFF)
+    )
 
 
 def most_clocks(scenario: Scenario, joint: int) -> int:

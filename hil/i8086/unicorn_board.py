@@ -41,12 +41,7 @@ class UnicornBoard(Board):
     @property
     def clocks(self) -> int:
         """Clocks of the last step's interrupt."""
-        if self.saturated:
-            return executed_clocks(*self.given)
-        _count, _count_prev, w_prev, _d, a_ref, ka, kb, kj, shift, _limit = self.given
-        w, _, i, estimate = self.answered
-        dw = (w - w_prev + 0x8000 & 0xFFFF) - 0x8000
-        return straight_clocks(shift, (dw, kb), (a_ref, kj), (i - estimate, ka))
+        return executed_clocks(*self.given) if self.saturated else straight_clocks(self.given, self.answered)
 
 
 def engine_of(pages: mmap.mmap, read: Callable[[int], int], write: Callable[[int, int], None]) -> Any:

@@ -43,9 +43,8 @@ def test_data_lie_where_the_source_puts_them(assembled: tuple[bytes, str]) -> No
     at = {name.rstrip(":"): int(address, 16) for _, address, _, name, *_ in reserved}
     names = ("count_prev", "w_prev", "d", "a_ref", "ka", "kb", "kj", "shift", "current_limit")
     assert [at[name] for name in names] == [0, 2, 4, 8, 10, 12, 14, 16, 18]
-    found = {name: image.DATA_AT + address for name, address in at.items()}
-    assert (found["w_prev"], found["i"]) == (image.STATE_AT, image.ANSWER_AT)
-    assert found["kb_dw_over"] == image.SATURATIONS_AT
+    assert image.DATA_AT + at["w_prev"] == image.RESULTS_AT
+    assert [at[name] for name in ("i", "estimate", "kb_dw_over", "d_over", "i_over")] == [20, 22, 24, 26, 28]
     assert at["error_over"] + 2 == image.DATA_BYTES
     assert not any(address % 2 for address in at.values())
 
@@ -178,10 +177,10 @@ def test_the_state_stays_in_the_machine(board: Callable[[], Board]) -> None:
         w_prev, d, i, estimate = step(words, count, count_prev, w_prev, d, a_ref, *table)
         count_prev = count
         assert machine.current == i & 0xFFFF
-        assert image.ANSWER.unpack_from(machine.memory, image.ANSWER_AT) == (i, estimate)
-    counted = image.SATURATIONS.unpack_from(machine.memory, image.SATURATIONS_AT)
-    assert sum(counted) > 0
-    assert counted == tuple(words.saturations[signal] for signal in COUNTED)
+        *left, _, _, _, _ = results = image.RESULTS.unpack_from(machine.memory, image.RESULTS_AT)
+        assert left == [w_prev, d, i, estimate]
+    assert sum(results[4:]) > 0
+    assert results[4:] == tuple(words.saturations[signal] for signal in COUNTED)
 
 
 def test_the_code_as_it_is_passes_for_no_mutant(rows: Rows, answers: Rows) -> None:
