@@ -84,7 +84,7 @@ def test_cycle_that_does_not_fit_is_refused_with_the_sum() -> None:
     with pytest.raises(ScenarioError, match=r"the frames of one cycle need 1\d\d\d us") as refusal:
         run_inline(scenario_file.load("five-joints", ["clock.period_s=0.001"]))
     sum_of_kinds = "65 Sync + 5 x 95 Encoder + 5 x 115 Current + 2 x 135 AccelRef + 135 State"
-    assert f"({sum_of_kinds} = {sum(bits)} bits;" in str(refusal.value)
+    assert f"; {sum_of_kinds} = {sum(bits)} bits;" in str(refusal.value)
 
 
 @pytest.mark.parametrize("setting", ["dsp.space=task", "trajectory={kind='line', by_m=[0.01, 0.0], time_s=1.0}"])
