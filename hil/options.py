@@ -13,6 +13,7 @@ BusKwargs = Annotated[str, typer.Option("--bus-kwargs", help="More keywords for 
 
 ScenarioName = Annotated[str, typer.Argument(help="A built-in scenario's name, or a .toml file.")]
 Settings = Annotated[list[str], typer.Option("--set", metavar="PATH=VALUE", help="Set one value of the scenario.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 ScenarioOption = Annotated[str, typer.Option("--scenario", help="Built-in scenario or .toml file.")]
 ChannelName = Annotated[str, typer.Option("--channel", "-c", help="Name of the bus.")]
 ClockKind = Annotated[

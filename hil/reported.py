@@ -8,7 +8,7 @@ from typing import Any, NoReturn, ParamSpec
 
 import typer
 
-from hil.errors import HilError
+from hil.errors import FaultError, HilError
 
 P = ParamSpec("P")
 
@@ -32,6 +32,12 @@ def reported(command: Callable[P, None]) -> Callable[P, None]:
             _complain(f"{end}: everything was ended", 128 + end.number)
 
     return run
+
+
+def refuse_faults(faults: list[dict[str, Any]]) -> None:
+    """Raise FaultError with what stopped a run before its end; nothing where it came to it. faults: hil.summary's."""
+    for fault in faults:
+        raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")
 
 
 def _complain(text: str, exit_code: int) -> NoReturn:

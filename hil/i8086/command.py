@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hil.errors import FaultError
-from hil.options import ScenarioName, Settings, new_folder
-from hil.reported import reported
+from hil.options import AsJson, ScenarioName, Settings, new_folder
+from hil.reported import refuse_faults, reported
 
 if TYPE_CHECKING:
     from hil.i8086.study import Study
@@ -21,7 +20,7 @@ def cpu(
     scenario: ScenarioName = "paper-joint",
     settings: Settings = [],  # noqa: B006 (typer reads the default, nobody writes it)
     out: Annotated[Path | None, typer.Option(help="Folder for the results, with a figure.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Count what the joints' step takes as 8086 machine code, and say what that means at 5, 8 and 10 MHz."""
     from rich.console import Console
@@ -44,8 +43,7 @@ def cpu(
         _write(result, out)
         if not as_json:
             console.print(f"results: {out}", soft_wrap=True)
-    for fault in result.faults:
-        raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")
+    refuse_faults(result.faults)
 
 
 def _write(result: "Study", path: Path) -> None:

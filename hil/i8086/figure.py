@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 KIND_COLOURS = (*COLOURS, "0.75", "0.45")
-MARKS = (("straight", "|", "straight, most"), ("most", ".", "all paths, most"))
+MARKS = (("|", "straight, most"), (".", "all paths, most"))
 GREYS = ("white", "0.85", "0.6", "0.35")
 WIDTH = 0.2
 """Of a bar, of the place of one clock."""
@@ -41,7 +41,7 @@ def _kinds(axes: "Axes", joints: list[dict[str, Any]]) -> None:
         left = [a + b for a, b in zip(left, clocks, strict=True)]
     straight = [joint["interrupt"]["straight"] for joint in joints]
     most = [joint["interrupt"]["bounds"][1] for joint in joints]
-    for values, (_, marker, label) in zip((straight, most), MARKS, strict=True):
+    for values, (marker, label) in zip((straight, most), MARKS, strict=True):
         axes.plot(values, names, marker, color="black", markersize=11 if marker == "|" else 6, label=label)
     axes.set_xlim(0, 1.04 * max(most))
     axes.invert_yaxis()

@@ -25,9 +25,8 @@ RESULTS, RESULTS_AT = Struct("<hi12x2h4H"), DATA_AT + 2
 """w_prev, d; behind the parameters i, estimate; saturations of KB dw, d, i, i - d: counters that wrap."""
 DATA_BYTES = RESULTS_AT + RESULTS.size - DATA_AT
 
-ENCODER, DAC, INTERRUPT_CONTROLLER = 0x10, 0x12, 0x20
+ENCODER, DAC = 0x10, 0x12
 """Ports."""
-END_OF_INTERRUPT = 0x20
 
 
 def load(memory: bytearray | memoryview) -> None:

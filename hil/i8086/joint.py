@@ -23,8 +23,7 @@ class Joint8086(JointCPU):
         self.board = board
         self.clock_hz = clock_hz
         self.step = self._step
-        self.steps = self.clocks = self.most_clocks = 0
-        self.least_clocks = 0
+        self.steps = self.clocks = self.least_clocks = self.most_clocks = 0
 
     def _step(self, words: Any, *arguments: int) -> tuple[int, ...]:
         answer = self.board.step(words, *arguments)

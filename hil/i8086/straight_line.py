@@ -55,7 +55,7 @@ def most_clocks(scenario: Scenario, joint: int) -> int:
 
 def least_clocks(scenario: Scenario, joint: int) -> int:
     """Return the least clocks of an interrupt of joint 1 to n: what saturates takes longer."""
-    return _clocks_but_multiplications(_shift(scenario, joint))
+    return _clocks_but_multiplications(shift_of(scenario, joint))
 
 
 def beyond_clocks(scenario: Scenario, joint: int) -> int:
@@ -71,13 +71,13 @@ def step_clocks(scenario: Scenario, joint: int) -> tuple[int, int]:
 
 def step_bounds(scenario: Scenario, joint: int) -> tuple[int, int]:
     """Return the least and most clocks of the control step alone, of joint 1 to n, over all of its paths."""
-    found = _bounds(image.STEP, _shift(scenario, joint))
+    found = _bounds(image.STEP, shift_of(scenario, joint))
     return found.least_clocks, found.most_clocks
 
 
 def interrupt_bounds(scenario: Scenario, joint: int) -> tuple[int, int]:
     """Return the least and most clocks of an interrupt, acknowledgement included, of joint 1 to n over all paths."""
-    found = _bounds(image.INTERRUPT, _shift(scenario, joint))
+    found = _bounds(image.INTERRUPT, shift_of(scenario, joint))
     return INTERRUPT + found.least_clocks, INTERRUPT + found.most_clocks
 
 
@@ -86,5 +86,6 @@ def _bounds(entry: int, shift: int) -> Bounds:
     return bounds(image.CODE, entry, joint_rounds(shift))
 
 
-def _shift(scenario: Scenario, joint: int) -> int:
+def shift_of(scenario: Scenario, joint: int) -> int:
+    """Return the parameter `shift` of joint 1 to n."""
     return parameter_table(scenario, joint, load_arm())[SHIFT]

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
-from dbc.compiler import load_arm
-from firmware_py.joint_cpu import SHIFT, SIGNALS, make_step
+from firmware_py.joint_cpu import SIGNALS, make_step
 from firmware_py.words import InstrumentedWords, Words
 from hil import scenario_file
-from hil.constants import parameter_table
 from hil.errors import ScenarioError
 from hil.i8086 import image, straight_line
 from hil.i8086.cost import beside_newton_euler, by_clock
@@ -77,10 +75,9 @@ def operations_of_the_law() -> Operations:
 def _joint(scenario: Scenario, number: int, board: CountingBoard) -> dict[str, Any]:
     """Return what one joint's step and interrupt took, and their bounds: straight where nothing saturates."""
     steps = len(board.taken)
-    declared = straight_line.most_clocks(scenario, number)
     return {
         "joint": number,
-        "shift": parameter_table(scenario, number, load_arm())[SHIFT],
+        "shift": straight_line.shift_of(scenario, number),
         "steps": steps,
         "saturated_steps": board.saturated_steps,
         "multiplications": board.spread("multiplications")._asdict(),
@@ -94,7 +91,7 @@ def _joint(scenario: Scenario, number: int, board: CountingBoard) -> dict[str, A
         "interrupt": {
             "instructions": board.spread("instructions")._asdict(),
             "clocks": board.spread("clocks")._asdict(),
-            "straight": declared,
+            "straight": straight_line.most_clocks(scenario, number),
             "bounds": straight_line.interrupt_bounds(scenario, number),
         },
         "clocks_by_kind": {kind: clocks / max(steps, 1) for kind, clocks in board.clocks_by_kind().items()},

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hil.errors import FaultError
-from hil.options import ScenarioName, Settings, new_folder, with_clock
-from hil.reported import reported
+from hil.options import AsJson, ScenarioName, Settings, new_folder, with_clock
+from hil.reported import refuse_faults, reported
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +26,7 @@ def quantise(
     words: Annotated[
         bool, typer.Option("--words", help="Try words of 8 to 32 bits, and tell where the knee is.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    as_json: AsJson = False,
     rest: Annotated[bool, typer.Option("--rest", help="At rest, too: limit cycles and dead bands, by format.")] = False,
 ) -> None:
     """Tell what words do to the joints: ranges, head-room, overflows, and the error beside float64."""
@@ -66,8 +65,7 @@ def quantise(
             show_words(console, result.found["words"])
         if at_rest:
             rest_show.show_rest(console, result.found)
-    for fault in result.faults:
-        raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")
+    refuse_faults(result.faults)
 
 
 def _write(found: dict[str, Any], scenario: "Scenario", at_rest: "Sequence[Found]", path: Path) -> None:

@@ -5,6 +5,7 @@ from decimal import Decimal
 import typer
 
 from hil.options import (
+    AsJson,
     At,
     BusKwargs,
     External,
@@ -46,7 +47,7 @@ def timing(
     bus_only: options.BusOnly = False,
     jobs: options.Jobs = None,
     out: options.Out = None,
-    as_json: options.AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Bound and measure when every frame arrives and every current acts, and how much delay the loops bear."""
     from hil import scenario_file, show

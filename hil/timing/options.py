@@ -56,4 +56,3 @@ Pace = Annotated[
 BusOnly = Annotated[bool, typer.Option("--bus", help="The bus alone: no CPUs, no delay margins.")]
 Jobs = Annotated[int | None, typer.Option(min=1, max=256, help="Runs at a time; default: one a CPU.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for figures, trace and results.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]

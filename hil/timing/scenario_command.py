@@ -11,6 +11,7 @@ from rich.console import Console
 
 from hil.errors import FaultError, ScenarioError
 from hil.record import SCENARIO, run_folder, to_toml
+from hil.reported import refuse_faults
 from hil.rig import Progress
 from hil.scenario import Scenario
 from hil.summary import faults
@@ -97,8 +98,7 @@ def conclude(report: Report, as_json: bool, out: Path | None) -> None:
         raise FaultError(_too_late(found))
     if found["refused"] is not None:
         raise ScenarioError(f"not run: {found['refused']}")
-    for fault in [] if outcome is None else faults(outcome):
-        raise FaultError(f"the run stopped at {fault['time_s']:.3f} s: {fault['node']}: {fault['cause']}")
+    refuse_faults([] if outcome is None else faults(outcome))
     if missed := [chain["name"] for chain in found["chains"] if sum(chain["misses"].values())]:
         raise FaultError(f"deadlines missed: {', '.join(missed)}")
 
